@@ -1,0 +1,1 @@
+"""Simulated worlds, recorded robots, scoring and the demo of slamcu."""

@@ -1,0 +1,48 @@
+"""The exceptions that slamcu raises for what its callers hand it."""
+
+from __future__ import annotations
+
+
+class SlamcuError(Exception):
+    """Base of every error that slamcu raises on purpose; its text is fit to show to a user."""
+
+
+class EvidenceError(SlamcuError, ValueError):
+    """A mass, confidence or weight is outside its range."""
+
+
+class FormatError(SlamcuError, ValueError):
+    """A file does not follow its format.
+
+    Parameters
+    ----------
+    message : what is wrong and what was expected.
+    source : name of the file or stream, if known.
+    line : number of the line, counted from 1, if the format has lines.
+    field : path of the field, such as ``items[2].range``, if one is to blame.
+    """
+
+    def __init__(
+        self, message: str, *, source: str | None = None, line: int | None = None, field: str | None = None
+    ) -> None:
+        self.message, self.source, self.line, self.field = message, source, line, field
+        place = ", ".join(
+            part
+            for part in (source, f"line {line}" if line is not None else None, f"field {field}" if field else None)
+            if part
+        )
+        super().__init__(f"{place}: {message}" if place else message)
+
+
+class WireError(SlamcuError, ValueError):
+    """A SENSORIS message cannot be used.
+
+    Parameters
+    ----------
+    reason : a short stable code, such as ``missing-ids``, for machines.
+    message : what is wrong and what was expected, for people.
+    """
+
+    def __init__(self, reason: str, message: str) -> None:
+        self.reason, self.message = reason, message
+        super().__init__(f"{reason}: {message}")

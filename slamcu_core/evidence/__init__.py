@@ -1,0 +1,25 @@
+"""Dempster-Shafer evidence about existence: the paper's section 4.2 in weights of evidence."""
+
+from slamcu_core.evidence.dempster import conjunctive, dempster
+from slamcu_core.evidence.masses import Masses, discount
+from slamcu_core.evidence.weights import (
+    LAMBDA_MAX,
+    clamp_confidence,
+    conflict,
+    masses_from_weights,
+    support,
+    weights_from_masses,
+)
+
+__all__ = [
+    "LAMBDA_MAX",
+    "Masses",
+    "clamp_confidence",
+    "conflict",
+    "conjunctive",
+    "dempster",
+    "discount",
+    "masses_from_weights",
+    "support",
+    "weights_from_masses",
+]

@@ -1,0 +1,25 @@
+"""Angles: radians counter-clockwise from east inside, compass degrees clockwise from north at the rim."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Angle = TypeVar("Angle", float, NDArray[np.float64])
+
+
+def wrap_angle(angle: Angle) -> Angle:
+    """Wrap angles into [-pi, pi); scalars or arrays, radians."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def compass_to_math(heading_deg: float) -> float:
+    """Turn a compass heading (degrees clockwise from north) into radians counter-clockwise from east."""
+    return float(wrap_angle(np.deg2rad(90.0 - heading_deg)))
+
+
+def math_to_compass(heading: float) -> float:
+    """Turn radians counter-clockwise from east into a compass heading in [0, 360) degrees."""
+    return float((90.0 - np.rad2deg(heading)) % 360.0)

@@ -1,0 +1,71 @@
+"""The local east-north frame: an orthographic tangent plane on the WGS84 ellipsoid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_A = 6378137.0  # WGS84 semi-major axis, m
+_F = 1.0 / 298.257223563  # WGS84 flattening
+_E2 = _F * (2.0 - _F)
+
+
+def _ecef(lon: Array, lat: Array) -> Array:
+    """Return earth-centred coordinates (..., 3) in metres of points on the ellipsoid given in radians."""
+    sin_lat, cos_lat = np.sin(lat), np.cos(lat)
+    n = _A / np.sqrt(1.0 - _E2 * sin_lat**2)
+    return np.stack([n * cos_lat * np.cos(lon), n * cos_lat * np.sin(lon), n * (1.0 - _E2) * sin_lat], axis=-1)
+
+
+@dataclass(frozen=True)
+class LocalFrame:
+    """A metric frame, x east and y north, tangent to the ellipsoid at an anchor.
+
+    Distances are short by (d / earth radius)² / 2: below 1 mm per 100 m up to 28 km from the anchor.
+
+    Parameters
+    ----------
+    lon, lat : the anchor in degrees.
+    """
+
+    lon: float
+    lat: float
+    _origin: Array = field(init=False, repr=False, compare=False)
+    _axes: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        lon, lat = np.deg2rad(self.lon), np.deg2rad(self.lat)
+        axes = np.array(
+            [
+                [-np.sin(lon), np.cos(lon), 0.0],
+                [-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)],
+                [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)],
+            ]
+        )
+        object.__setattr__(self, "_origin", _ecef(np.asarray(lon), np.asarray(lat)))
+        object.__setattr__(self, "_axes", axes)
+
+    def to_local(self, lon: ArrayLike, lat: ArrayLike) -> Array:
+        """Project longitudes and latitudes in degrees, shape (...), to metres east and north, shape (..., 2)."""
+        points = _ecef(np.deg2rad(np.asarray(lon, float)), np.deg2rad(np.asarray(lat, float))) - self._origin
+        return np.asarray(points @ self._axes[:2].T)
+
+    def to_geographic(self, xy: ArrayLike) -> tuple[Array, Array]:
+        """Lift metres east and north, shape (..., 2), to longitude and latitude in degrees, each of shape (...)."""
+        xy = np.asarray(xy, float)
+        # Newton's iteration on (lon, lat) with the local metric at the anchor: error falls by (d / radius) each time.
+        lat0 = np.deg2rad(self.lat)
+        root = np.sqrt(1.0 - _E2 * np.sin(lat0) ** 2)
+        metres_per_rad_east = _A / root * np.cos(lat0)
+        metres_per_rad_north = _A * (1.0 - _E2) / root**3
+        lon = self.lon + np.rad2deg(xy[..., 0] / metres_per_rad_east)
+        lat = self.lat + np.rad2deg(xy[..., 1] / metres_per_rad_north)
+        for _ in range(6):
+            error = xy - self.to_local(lon, lat)
+            lon = lon + np.rad2deg(error[..., 0] / metres_per_rad_east)
+            lat = lat + np.rad2deg(error[..., 1] / metres_per_rad_north)
+        return lon, lat

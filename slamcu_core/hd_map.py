@@ -1,0 +1,90 @@
+"""The HD map as the filter holds it: arrays over features, found by tile."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamcu_core.errors import FormatError
+
+_CELL_DEG = 0.002  # about 220 m north-south: a few cells cover any sensor's reach
+
+
+@dataclass(frozen=True, slots=True)
+class MapFeature:
+    """A point feature of an HD map, or a watch feature: a candidate that vehicles check but never localize on.
+
+    `tile_id` and `object_id` are what a report's MAP_REFERENCE carries. Map features have their map's positive object
+    id; watch features have an id space of their own, told by a negative tile id.
+    """
+
+    object_id: int
+    lon: float  # degrees
+    lat: float  # degrees
+    feature_class: str = "traffic_sign"
+    sign: str | None = None  # SENSORIS TrafficSign type name
+    value: str | None = None
+    altitude: float | None = None  # m above the WGS84 ellipsoid
+    heading_deg: float | None = None  # compass direction that the face looks
+    existence_confidence: float = 0.95  # λ_HD of eq. 3
+    position_std_m: float = 0.15  # each axis
+    tile_id: int = 0
+
+    @property
+    def watched(self) -> bool:
+        """Whether this is a watch feature (no prior, not for localization)."""
+        return self.tile_id < 0
+
+
+@dataclass(frozen=True, slots=True)
+class MapIdentity:
+    """Which map a vehicle compared with: its source (the map's name) and version."""
+
+    source: str = ""
+    version: str = ""
+
+
+class HDMap:
+    """The features of one map version with an index by place.
+
+    Parameters
+    ----------
+    features : the features; iterated once.
+    identity : source and version of the map.
+
+    Raises FormatError if two features share a reference (tile sign and object id).
+    """
+
+    def __init__(self, features: Iterable[MapFeature], identity: MapIdentity | None = None) -> None:
+        self.identity = identity or MapIdentity()
+        self.features: Sequence[MapFeature] = tuple(features)
+        seen: set[tuple[bool, int]] = set()
+        for feature in self.features:
+            key = (feature.watched, feature.object_id)
+            if key in seen:
+                raise FormatError(f"two features have the id {feature.object_id}", field="id")
+            seen.add(key)
+        self.lonlat: NDArray[np.float64] = np.array([(f.lon, f.lat) for f in self.features], float).reshape(-1, 2)
+        self._cells: dict[tuple[int, int], list[int]] = {}
+        for index, cell in enumerate(map(tuple, np.floor(self.lonlat / _CELL_DEG).astype(int).tolist())):
+            self._cells.setdefault(cell, []).append(index)
+
+    def __len__(self) -> int:
+        return len(self.features)
+
+    def __iter__(self) -> Iterator[MapFeature]:
+        return iter(self.features)
+
+    def near(self, lon: float, lat: float, radius_m: float) -> NDArray[np.intp]:
+        """Return the indices of the features in cells within `radius_m` of a place (a superset, sorted)."""
+        north = radius_m / 110_000.0
+        east = north / max(np.cos(np.deg2rad(lat)), 0.01)
+        x0, x1 = (int(np.floor(v / _CELL_DEG)) for v in (lon - east, lon + east))
+        y0, y1 = (int(np.floor(v / _CELL_DEG)) for v in (lat - north, lat + north))
+        hits = [
+            index for x in range(x0, x1 + 1) for y in range(y0, y1 + 1) for index in self._cells.get((x, y), ())
+        ]
+        return np.array(sorted(hits), dtype=np.intp)
