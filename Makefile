@@ -1,1 +1,41 @@
-# Two commands matter: `make demo` and `make test`. Each does all of its own set-up.
+# Two commands matter: `make demo` and `make test`. Each does all of its own set-up, alone, on a fresh machine.
+# Variables: PYTHON=python3.12 (the interpreter), PYTEST_ARGS='-k evidence', KEEP=1 (the demo goes on serving).
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint bench lock protobuf clean
+
+export PYTHON
+BIN := .venv/bin
+
+help: ## Say what there is to make
+	@echo "slamcu: what can be made"
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup: ## Install PostGIS and .venv if they are missing (the other targets do it by themselves)
+	@scripts/install-postgis
+	@scripts/setup-venv
+
+demo: setup ## Drive a fleet over a changed road and show what the cloud makes of it (KEEP=1: go on serving)
+	@$(BIN)/slamcu-eval demo --out demo-output $(if $(KEEP),--keep)
+
+test: setup ## Run every test, the fast ones first
+	@$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+lint: setup ## Check style, types and the import rules
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy --strict
+	$(BIN)/lint-imports
+
+bench: setup ## Measure the filter's step, the ingest and the aggregation on this machine
+	@$(BIN)/slamcu-eval bench $(BENCH_ARGS)
+
+lock: ## Write requirements.lock anew (needs uv)
+	scripts/lock
+
+protobuf: setup ## Generate the SENSORIS code from the .proto files anew
+	scripts/generate-protobuf
+
+clean: ## Remove .venv, caches and outputs; data directories of the server are left alone
+	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis build dist demo-output
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
