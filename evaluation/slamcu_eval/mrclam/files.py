@@ -1,8 +1,8 @@
 """The files of a UTIAS MRCLAM recording, read line by line.
 
 Leung, Halpern, Barfoot, Liu: "The UTIAS multi-robot cooperative localization and mapping dataset", IJRR 2011.
-A session is a folder ``MRCLAM_DatasetN`` with ``Barcodes.dat``, ``Landmark_Groundtruth.dat`` and, per robot, ``_Odometry.dat`` and
-``_Measurement.dat``; ``RobotN_Reference.csv`` is a trajectory that stands in for the robots' own ground truth.
+A session is a folder ``MRCLAM_DatasetN`` with ``Barcodes.dat``, ``Landmark_Groundtruth.dat`` and, per robot,
+``_Odometry.dat`` and ``_Measurement.dat``; ``RobotN_Reference.csv`` is a trajectory in place of their ground truth.
 """
 
 from __future__ import annotations
