@@ -171,7 +171,7 @@ candidates = Table(
     Column("last_seen", DateTime(timezone=True)),
     Column("last_looked", DateTime(timezone=True)),
     Column("last_informative", DateTime(timezone=True)),
-    Column("merged_into", BigInteger, ForeignKey("candidates.id")),  # its founding pass now belongs to another candidate
+    Column("merged_into", BigInteger, ForeignKey("candidates.id")),  # whose founding pass is now another candidate's
     Column("feature_id", BigInteger, ForeignKey("features.id")),  # accepted into the map as this feature
     Column("policy_version", Text, nullable=False),
     _created(),

@@ -1,0 +1,104 @@
+"""What can be configured, each from the environment variable of its name with the prefix SLAMCU_."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import Field, ValidationError, field_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from slamcu_core.errors import SlamcuError
+
+
+class SettingsError(SlamcuError):
+    """A setting has a value that cannot be used."""
+
+
+def default_data_dir() -> Path:
+    """Return where a server of this user keeps its data: /var/lib/slamcu for root, else the XDG data directory."""
+    if os.geteuid() == 0:
+        return Path("/var/lib/slamcu")
+    home = os.environ.get("XDG_DATA_HOME")
+    return (Path(home) if home else Path.home() / ".local" / "share") / "slamcu"
+
+
+class Settings(BaseSettings):
+    """The server's settings; sizes in bytes, times in seconds unless the name says otherwise."""
+
+    model_config = SettingsConfigDict(env_prefix="SLAMCU_", frozen=True, extra="ignore")
+
+    # Where the data are
+    database_url: str | None = Field(
+        None,
+        description="PostgreSQL with PostGIS, as postgresql://user:password@host/name. "
+        "Unset: the server starts and owns a private cluster in data_dir.",
+    )
+    data_dir: Path = Field(default_factory=default_data_dir, description="Home of the private cluster.")
+    postgres_bin_dir: Path | None = Field(None, description="Where initdb and pg_ctl are, if not in a usual place.")
+    migrate_on_start: bool | None = Field(
+        None, description="Bring the database to the newest schema on start. Unset: only the private cluster."
+    )
+    database_pool_size: int = Field(10, ge=2, le=500, description="Connections per process.")
+
+    # How it is served
+    host: str = "127.0.0.1"
+    port: int = Field(8000, ge=0, le=65535, description="0 takes any free port.")
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
+    shutdown_grace_s: float = Field(5.0, gt=0, le=60, description="How long requests under way may take at shutdown.")
+
+    # What may be sent
+    max_body_bytes: int = Field(4 * 2**20, ge=1024, description="Of a request body, as sent.")
+    max_decompressed_bytes: int = Field(8 * 2**20, ge=1024, description="Of a request body, decompressed.")
+    max_json_bytes: int = Field(
+        2**20, ge=1024, description="Of a body in JSON, decompressed: it costs some fifty times its protobuf to parse."
+    )
+    max_messages_per_batch: int = Field(1000, ge=1, le=10_000)
+    max_clock_ahead_s: float = Field(
+        86_400.0, ge=0, description="How far in the future a report may lie before its clock counts as wrong."
+    )
+
+    # What is done with it
+    embedded_worker: bool = Field(True, description="Aggregate in the serving process.")
+    policy_file: Path | None = Field(None, description="The aggregation policy; unset: the built-in one.")
+    message_retention_days: float = Field(
+        30.0, gt=0, description="How long the body of an aggregated message is kept; its identity stays."
+    )
+
+    @field_validator("database_url")
+    @classmethod
+    def _asyncpg(cls, url: str | None) -> str | None:
+        if not url:
+            return None
+        for prefix in ("postgresql+asyncpg://", "postgresql://", "postgres://"):
+            if url.startswith(prefix):
+                return "postgresql+asyncpg://" + url.removeprefix(prefix)
+        raise ValueError("must begin with postgresql://; there is no other dialect")
+
+    @field_validator("data_dir")
+    @classmethod
+    def _absolute(cls, path: Path) -> Path:
+        return path.expanduser().absolute()
+
+    @property
+    def embedded(self) -> bool:
+        """Whether the server owns its database cluster."""
+        return self.database_url is None
+
+    @property
+    def migrates_on_start(self) -> bool:
+        """Whether starting brings the database to the newest schema."""
+        return self.embedded if self.migrate_on_start is None else self.migrate_on_start
+
+    @classmethod
+    def load(cls, **overrides: Any) -> Self:
+        """Read the environment, with `overrides` (None: not given) on top; raise SettingsError naming what is wrong."""
+        try:
+            return cls(**{name: value for name, value in overrides.items() if value is not None})
+        except ValidationError as error:
+            first = error.errors()[0]
+            name = str(first["loc"][0]) if first["loc"] else "settings"
+            message = str(first["msg"]).removeprefix("Value error, ")
+            shown = "" if name == "database_url" else f" (not {first['input']!r})"  # a URL may hold a password
+            raise SettingsError(f"SLAMCU_{name.upper()}: {message}{shown}") from None
