@@ -126,6 +126,7 @@ def upgrade() -> None:
         sa.Column("last_seen", sa.DateTime(timezone=True), nullable=True),
         sa.Column("last_looked", sa.DateTime(timezone=True), nullable=True),
         sa.Column("last_informative", sa.DateTime(timezone=True), nullable=True),
+        sa.Column("founding_pass", sa.BigInteger(), nullable=False),
         sa.Column("merged_into", sa.BigInteger(), nullable=True),
         sa.Column("feature_id", sa.BigInteger(), nullable=True),
         sa.Column("policy_version", sa.Text(), nullable=False),
@@ -134,6 +135,7 @@ def upgrade() -> None:
         sa.ForeignKeyConstraint(["map_id"], ["maps.id"], name=op.f("fk_candidates_map_id"), ondelete="CASCADE"),
         sa.ForeignKeyConstraint(["merged_into"], ["candidates.id"], name=op.f("fk_candidates_merged_into")),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_candidates")),
+        sa.UniqueConstraint("founding_pass", name=op.f("uq_candidates_founding_pass")),
     )
     op.create_index(
         "ix_candidates_geom",
@@ -206,6 +208,7 @@ def upgrade() -> None:
         sa.Column("document", JSONB(), nullable=False),
         sa.Column("geom", POINT, nullable=False),
         sa.Column("salt", sa.LargeBinary(), nullable=False),
+        sa.Column("evidence_left", sa.Boolean(), server_default=sa.text("false"), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), server_default=sa.text("now()"), nullable=False),
         sa.Column("updated_at", sa.DateTime(timezone=True), server_default=sa.text("now()"), nullable=False),
         sa.CheckConstraint("kind IN ('new', 'deleted', 'moved', 'modified')", name=op.f("ck_changes_kind")),
@@ -249,6 +252,7 @@ def upgrade() -> None:
         sa.Column("sensor_model", sa.Text(), nullable=False),
         sa.Column("software_version", sa.Text(), nullable=False),
         sa.Column("fleet_id", sa.Text(), nullable=False),
+        sa.Column("valid", sa.Boolean(), nullable=False),
         sa.Column("trusted", sa.Boolean(), nullable=False),
         sa.Column("archived", sa.Boolean(), server_default=sa.text("false"), nullable=False),
         sa.ForeignKeyConstraint(["candidate_id"], ["candidates.id"], name=op.f("fk_passes_candidate_id")),

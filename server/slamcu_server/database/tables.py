@@ -171,6 +171,8 @@ candidates = Table(
     Column("last_seen", DateTime(timezone=True)),
     Column("last_looked", DateTime(timezone=True)),
     Column("last_informative", DateTime(timezone=True)),
+    # The pass that this id is bound to for ever; no foreign key, because a pass points to its candidate.
+    Column("founding_pass", BigInteger, nullable=False, unique=True),
     Column("merged_into", BigInteger, ForeignKey("candidates.id")),  # whose founding pass is now another candidate's
     Column("feature_id", BigInteger, ForeignKey("features.id")),  # accepted into the map as this feature
     Column("policy_version", Text, nullable=False),
@@ -213,6 +215,7 @@ passes = Table(
     Column("sensor_model", Text, nullable=False),
     Column("software_version", Text, nullable=False),
     Column("fleet_id", Text, nullable=False),
+    Column("valid", Boolean, nullable=False),  # False: seen, but crossed out or covered: no evidence
     Column("trusted", Boolean, nullable=False),  # the vehicle's own health; untrusted passes are kept, not folded
     Column("archived", Boolean, nullable=False, server_default=text("false")),
     UniqueConstraint("message", "index_in_message"),
@@ -269,6 +272,7 @@ changes = Table(
     Column("document", JSONB, nullable=False),  # the change as last published
     _point(),
     Column("salt", LargeBinary, nullable=False),  # of this change's pseudonyms
+    Column("evidence_left", Boolean, nullable=False, server_default=text("false")),  # since its review
     _created(),
     Column("updated_at", DateTime(timezone=True), nullable=False, server_default=func.now()),
     CheckConstraint("kind IN ('new', 'deleted', 'moved', 'modified')", name="kind"),
