@@ -34,7 +34,7 @@ lock: ## Write requirements.lock anew (needs uv)
 	scripts/lock
 
 protobuf: setup ## Generate the SENSORIS code from the .proto files anew
-	scripts/generate-protobuf
+	PYTHON= scripts/generate-protobuf
 
 clean: ## Remove .venv, caches and outputs; data directories of the server are left alone
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis build dist demo-output
