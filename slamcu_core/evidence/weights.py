@@ -24,8 +24,8 @@ def clamp_confidence(confidence: ArrayLike) -> Array:
     """
     lam = np.asarray(confidence, float)
     if not np.all((lam >= 0.0) & (lam <= 1.0)):
-        raise EvidenceError(f"an existence confidence must lie in [0, 1], not {confidence}")
-    return np.minimum(lam, LAMBDA_MAX)
+        raise EvidenceError(f"an existence confidence must lie in [0, 1], not {confidence!r}")
+    return np.asarray(np.minimum(lam, LAMBDA_MAX))
 
 
 def support(confidence: ArrayLike) -> Array:

@@ -1,0 +1,68 @@
+"""Which places can have to do with each other: the connected groups of points within a reach."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from slamcu_core.errors import EvidenceError
+
+Array = NDArray[np.float64]
+
+_AHEAD = [(dx, dy) for dx in range(3) for dy in range(-2, 3) if (dx, dy) > (0, 0)]
+
+
+def connected_groups(xy: ArrayLike, reach_m: float) -> NDArray[np.intp]:
+    """Label the groups of points that steps of at most `reach_m` connect.
+
+    Passes of different groups never share a cluster if `reach_m` is at least the policy's `reach_m`, so a caller that
+    takes whole groups loses nothing.
+
+    Parameters
+    ----------
+    xy : (N, 2) m.
+
+    Returns
+    -------
+    (N,) labels from 0, numbered by first appearance.
+
+    Raises EvidenceError if a place is not finite or the reach not positive.
+    """
+    points = np.asarray(xy, float).reshape(-1, 2)
+    if not np.isfinite(points).all():
+        raise EvidenceError("positions must be finite")
+    if not reach_m > 0.0:
+        raise EvidenceError(f"the reach must be above 0, not {reach_m}")
+    if not len(points):
+        return np.zeros(0, np.intp)
+    # Points that share a cell with sides reach/√2 are always connected, so only whole cells have to be joined.
+    keys, cell = np.unique(
+        np.floor(points / (reach_m / np.sqrt(2.0) * (1.0 - 1e-12))).astype(np.int64), axis=0, return_inverse=True
+    )
+    members = np.split(np.argsort(cell, kind="stable"), np.cumsum(np.bincount(cell))[:-1])
+    index = {key: number for number, key in enumerate(map(tuple, keys.tolist()))}
+    parent = list(range(len(keys)))
+    for (x, y), one in index.items():
+        for dx, dy in _AHEAD:
+            other = index.get((x + dx, y + dy))
+            if other is None or _root(parent, one) == _root(parent, other):
+                continue
+            if _touch(points[members[one]], points[members[other]], reach_m):
+                parent[_root(parent, one)] = _root(parent, other)
+    roots = np.array([_root(parent, number) for number in range(len(keys))])[cell]
+    _, first, label = np.unique(roots, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), np.intp)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return rank[label]
+
+
+def _root(parent: list[int], node: int) -> int:
+    while parent[node] != node:
+        parent[node] = parent[parent[node]]
+        node = parent[node]
+    return node
+
+
+def _touch(one: Array, other: Array, reach_m: float) -> bool:
+    """Whether a point of (N, 2) lies within reach of a point of (M, 2), row by row to bound the memory."""
+    return any(bool((np.square(other - point).sum(axis=1) <= reach_m**2).any()) for point in one)

@@ -1,0 +1,142 @@
+"""The parameters of the cloud's evidence law, per feature class, as a document with a version.
+
+The start values come from a Monte Carlo over passes (`tests/core/test_aggregation_regime.py` holds the regime, and
+its module text tells how to repeat the figures).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from slamcu_core.errors import EvidenceError
+
+_COUNTS = frozenset({"contributors_new", "contributors_deleted", "window"})
+
+
+@dataclass(frozen=True, slots=True)
+class ClassPolicy:
+    """Parameters of the law for one class of features (design, section 2, unless another source is named).
+
+    Raises EvidenceError naming the field that is out of its range.
+    """
+
+    trust: float = 0.7  # α in (0, 1), of a contributor of whom nothing else is known
+    forgetting: float = 0.8  # γ in (0, 1), what a fully informative contribution leaves of the older evidence
+    half_life_days: float = 180.0  # days until unrefreshed weights have halved, applied when reading
+    enter: float = 0.8  # mass in (0.5, 1) from which a change stands
+    leave: float = 0.5  # mass in (0, enter) below which it stands no longer
+    contributors_new: int = 2  # least number of contributors whose evidence for a new feature still weighs
+    contributors_deleted: int = 3  # the same for evidence against a mapped feature
+    contributor_weight: float = 0.1  # weight of evidence that a contributor must have left in the fold to be counted
+    window: int = 64  # K, newest informative contributions that fold: 0.8⁶⁴ = 6e-7
+    minimum_informativeness: float = 0.05  # w in [0, 1) below which a contribution has seen nothing
+    gate: float = 9.21  # chi-square threshold with 2 degrees of freedom; 9.21 keeps 99 %
+    position_floor_m: float = 0.35  # m per axis, 1 σ: bias common to one vehicle's passes (1.5 % range bias at 25 m)
+    match_radius_m: float = 5.0  # m beyond which two places are never one object, however vague they are
+
+    def __post_init__(self) -> None:
+        for name in (spec.name for spec in dataclasses.fields(self)):
+            value = getattr(self, name)
+            if name in _COUNTS:
+                _require(
+                    isinstance(value, int) and not isinstance(value, bool) and value >= 1,
+                    name,
+                    value,
+                    "a whole number from 1",
+                )
+            else:
+                _require(
+                    isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value),
+                    name,
+                    value,
+                    "a finite number",
+                )
+                object.__setattr__(self, name, float(value))
+        _require(0.0 < self.trust < 1.0, "trust", self.trust, "within (0, 1)")
+        _require(0.0 < self.forgetting < 1.0, "forgetting", self.forgetting, "within (0, 1)")
+        _require(0.5 < self.enter < 1.0, "enter", self.enter, "within (0.5, 1)")
+        _require(0.0 < self.leave < self.enter, "leave", self.leave, f"within (0, enter = {self.enter})")
+        _require(
+            0.0 <= self.minimum_informativeness < 1.0,
+            "minimum_informativeness",
+            self.minimum_informativeness,
+            "within [0, 1)",
+        )
+        for name in ("half_life_days", "contributor_weight", "gate", "position_floor_m", "match_radius_m"):
+            _require(getattr(self, name) > 0.0, name, getattr(self, name), "above 0")
+
+
+@dataclass(frozen=True)
+class Policy:
+    """The parameters of every class: a default, and classes that differ from it."""
+
+    default: ClassPolicy = field(default_factory=ClassPolicy)
+    classes: Mapping[str, ClassPolicy] = field(default_factory=dict)
+
+    def for_class(self, name: str) -> ClassPolicy:
+        """Return the parameters of a feature class."""
+        return self.classes.get(name, self.default)
+
+    @property
+    def reach_m(self) -> float:
+        """The farthest in metres that one pass can matter for the cluster of another: the largest match radius."""
+        return max(policy.match_radius_m for policy in (self.default, *self.classes.values()))
+
+    def to_document(self) -> dict[str, Any]:
+        """Return the policy as a document fit for JSON, every field written out."""
+        return {
+            "default": dataclasses.asdict(self.default),
+            "classes": {name: dataclasses.asdict(self.classes[name]) for name in sorted(self.classes)},
+        }
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> Policy:
+        """Read a policy; fields that a class leaves out are the default's, and the default's are slamcu's.
+
+        Raises EvidenceError naming the path of an unknown key or a bad value.
+        """
+        root = _mapping(document, "the policy")
+        for key in root:
+            _require(key in ("default", "classes"), str(key), root[key], "'default' or 'classes'", unknown=True)
+        default = _class_policy(root.get("default", {}), ClassPolicy(), "default")
+        classes = _mapping(root.get("classes", {}), "classes")
+        return cls(
+            default, {str(name): _class_policy(entry, default, f"classes.{name}") for name, entry in classes.items()}
+        )
+
+    @cached_property
+    def version(self) -> str:
+        """The first 12 hexadecimal digits of the SHA-256 of the canonical document."""
+        canonical = json.dumps(self.to_document(), sort_keys=True, separators=(",", ":"), allow_nan=False)
+        return hashlib.sha256(canonical.encode()).hexdigest()[:12]
+
+
+def _class_policy(document: object, base: ClassPolicy, path: str) -> ClassPolicy:
+    entry = _mapping(document, path)
+    known = {spec.name for spec in dataclasses.fields(ClassPolicy)}
+    for key in entry:
+        _require(key in known, f"{path}.{key}", entry[key], f"one of {', '.join(sorted(known))}", unknown=True)
+    try:
+        return dataclasses.replace(base, **entry)
+    except EvidenceError as error:
+        raise EvidenceError(f"{path}.{error}") from error
+
+
+def _mapping(value: object, path: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise EvidenceError(f"{path} must be an object, not {value!r}")
+    return value
+
+
+def _require(holds: bool, path: str, value: object, expected: str, *, unknown: bool = False) -> None:
+    if not holds:
+        raise EvidenceError(
+            f"{path} is unknown: expected {expected}" if unknown else f"{path} must be {expected}, not {value!r}"
+        )
