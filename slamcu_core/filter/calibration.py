@@ -1,0 +1,73 @@
+"""What is constantly wrong given a particle's path, estimated by scalar Kalman filters: GNSS bias, sensor calibration."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamcu_core.filter.parameters import FilterParameters
+from slamcu_core.filter.particles import Particles
+
+Array = NDArray[np.float64]
+
+
+class GnssBias:
+    """A receiver's error as a slowly wandering bias (first order Gauss-Markov) plus white noise.
+
+    Given a particle's path the bias is Gaussian; its variance is the same for all particles.
+    """
+
+    def __init__(self, parameters: FilterParameters) -> None:
+        self._parameters = parameters
+        self._variance: float | None = None
+        self._time = 0.0
+
+    def update(self, particles: Particles, t: float, fix: Array, std_m: float) -> None:
+        """Weigh particles by a fix (2,) in metres with standard deviation `std_m` and update their biases, in place.
+
+        The weight has the tails of Student's t with 4 degrees of freedom, so that a reflected fix does little harm.
+        """
+        white = (self._parameters.gnss_white_share * std_m) ** 2
+        stationary = std_m**2 - white
+        if self._variance is None:
+            self._variance = stationary
+        else:
+            keep = np.exp(-(t - self._time) / max(self._parameters.gnss_correlation_s, 1e-3))
+            particles.gnss_bias *= keep
+            self._variance = keep**2 * self._variance + (1.0 - keep**2) * stationary
+        self._time = t
+        innovation = fix - particles.state[:, :2] - particles.gnss_bias
+        total = self._variance + white
+        particles.log_weight -= 3.0 * np.log1p(np.sum(innovation**2, axis=1) / (4.0 * total))
+        gain = self._variance / total
+        particles.gnss_bias += gain * innovation
+        self._variance *= 1.0 - gain
+
+
+class SensorCalibration:
+    """Range scale error and bearing bias of a vehicle's sensors, learned from features of the map.
+
+    The means are per particle (`Particles.calibration`), the variances (2,) common to all.
+    """
+
+    def __init__(self, parameters: FilterParameters) -> None:
+        self.variance = np.array([parameters.range_scale_std**2, parameters.bearing_bias_std**2])
+
+    def measurement_variance(self, distance: Array) -> Array:
+        """Return what the calibration adds to the variance of range and bearing, shape (..., 2), at ranges in m."""
+        return np.stack([distance**2 * self.variance[0], np.full_like(distance, self.variance[1])], axis=-1)
+
+    def update(self, particles: Particles, innovation: Array, distance: Array, noise: Array) -> None:
+        """Learn from one feature of the map, in place.
+
+        Parameters
+        ----------
+        innovation : (M, 2) z - ẑ of each particle, the calibration so far included in ẑ.
+        distance : (M,) true range from each particle, m.
+        noise : (2,) variances of the measurement and of the map's place, already tempered.
+        """
+        mean_range = float(distance.mean())
+        slope = np.array([mean_range, 1.0])
+        gain = self.variance * slope / (slope**2 * self.variance + noise)
+        particles.calibration += gain * innovation
+        self.variance *= 1.0 - gain * slope

@@ -1,0 +1,93 @@
+"""Existence and classification, sections 4.2.2, 4.3.2 and 4.3.3, on rows of the feature table."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamcu_core.evidence import masses_from_weights, support
+from slamcu_core.filter.parameters import FilterParameters
+from slamcu_core.filter.table import FeatureTable, Kind
+
+Array = NDArray[np.float64]
+
+
+class State(StrEnum):
+    """The classes of section 4.3.3."""
+
+    NORMAL = "normal"
+    DELETED = "deleted"
+    NEW = "new"
+    UNCLASSIFIED = "unclassified"
+
+
+def temper(dt: float, correlation_time: float) -> float:
+    """Return the share of a frame's evidence that is its own, dt seconds after the last (errata to section 6.2)."""
+    return 1.0 if correlation_time <= 0.0 else min(1.0, dt / correlation_time)
+
+
+def add_detections(table: FeatureTable, rows: NDArray[np.intp], confidence: Array, share: float, cap: float) -> None:
+    """Combine eq. 1 into detected rows (eq. 5); a row's evidence is capped by scaling both its weights."""
+    weight = share * support(confidence)
+    table.weight_for[rows] += weight
+    table.pass_for[rows] += weight
+    _cap(table, rows, cap)
+
+
+def add_misses(
+    table: FeatureTable, rows: NDArray[np.intp], probability: Array, parameters: FilterParameters, share: float
+) -> None:
+    """Combine eq. 2 into missed rows (eq. 5): the mass of a miss is λ · P(visible) · P_D, vacuous when occluded."""
+    weight = share * support(parameters.miss_confidence * probability)
+    table.weight_against[rows] += weight
+    table.pass_against[rows] += weight
+    _cap(table, rows, parameters.evidence_cap)
+
+
+def _cap(table: FeatureTable, rows: NDArray[np.intp], cap: float) -> None:
+    top = np.maximum(table.weight_for[rows], table.weight_against[rows])
+    scale = cap / np.maximum(top, cap)
+    table.weight_for[rows] *= scale
+    table.weight_against[rows] *= scale
+
+
+def masses(table: FeatureTable, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+    """Return the masses (e, n, u) of rows, with the map's prior (eq. 3) where they have one."""
+    return masses_from_weights(table.prior[rows] + table.weight_for[rows], table.weight_against[rows])
+
+
+def classify(table: FeatureTable, rows: NDArray[np.intp], stands: NDArray[np.bool_]) -> NDArray[np.str_]:
+    """Return the class of rows by their largest mass (section 4.3.3).
+
+    `stands` says of each row whether it has proven to stand still; an unmapped feature that has not is not New.
+    """
+    e, n, u = masses(table, rows)
+    exists, not_exists = (e > n) & (e > u), (n > e) & (n > u)
+    mapped = table.kind[rows] == Kind.MAP
+    state = np.full(len(rows), State.UNCLASSIFIED.value, dtype="U12")
+    state[mapped & exists] = State.NORMAL.value
+    state[mapped & not_exists] = State.DELETED.value
+    state[~mapped & exists & stands] = State.NEW.value
+    return state
+
+
+def stands_still(
+    table: FeatureTable, rows: NDArray[np.intp], own_speed: float, parameters: FilterParameters
+) -> NDArray[np.bool_]:
+    """Return whether rows have proven to stand still.
+
+    Signs painted on lorries look like signs. Each row keeps a weighted regression of its place along the road on
+    time; it is proven when its speed agrees with 0 and no longer with the slowest mover (chi-square 9 and 6 beyond).
+    """
+    w, wt, wtt, wy, wty = table.track[rows].T
+    spread = np.maximum(w * wtt - wt**2, 0.0)
+    known = (spread > 0.0) & (table.hits[rows] >= parameters.minimum_hits)
+    safe = np.where(known, spread, 1.0)
+    speed = np.abs((w * wty - wt * wy) / safe)
+    variance = np.where(known, w / safe, np.inf)
+    mover = max(parameters.mover_speed, 0.4 * abs(own_speed))
+    at_rest = speed**2 / variance
+    moving = np.maximum(mover - speed, 0.0) ** 2 / variance
+    return known & (at_rest < 9.0) & (moving - at_rest > 6.0)

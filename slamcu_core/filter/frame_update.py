@@ -1,0 +1,180 @@
+"""One frame of detections through the filter: sections 4.3 and 5.2-5.4 in the order of the paper's Figure 5."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamcu_core.drive import Detection, Occluder
+from slamcu_core.filter import ekf, existence, weighting
+from slamcu_core.filter.association import Marginal, associate, marginalise
+from slamcu_core.filter.calibration import SensorCalibration
+from slamcu_core.filter.parameters import FilterParameters
+from slamcu_core.filter.particles import Particles
+from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
+from slamcu_core.models import SensorModel, occlusion_probability, visibility_probability
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What one sensor should see at one instant: F rows from M particles.
+
+    `distance` (M, F) is the true range; `predicted` (M, F, 2) the measurement with each particle's calibration;
+    `visible` (F,) P(visible) by field of view, `hidden` (F,) the probability of occlusion.
+    """
+
+    rows: Index
+    points: Array  # (M, F, 2)
+    distance: Array
+    predicted: Array
+    visible: Array
+    hidden: Array
+    marginal: Marginal
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """The detections of a frame as arrays: D measurements with variances and codes."""
+
+    measurement: Array  # (D, 2)
+    noise: Array  # (D, 2)
+    feature_class: Index
+    sign: Index
+    value: Index
+    confidence: Array
+
+
+def read_detections(model: SensorModel, items: tuple[Detection, ...], names: Vocabulary) -> Seen:
+    """Turn detections into arrays; raises SlamcuError if one lacks what its sensor measures."""
+    measurement = np.array([model.measurement(item) for item in items], float).reshape(-1, 2)
+    return Seen(
+        measurement,
+        model.noise(measurement),
+        np.array([names.code(item.feature_class) for item in items], dtype=np.intp),
+        np.array([names.code(item.sign) for item in items], dtype=np.intp),
+        np.array([names.code(item.value) for item in items], dtype=np.intp),
+        np.array([item.confidence for item in items], float),
+    )
+
+
+def look(
+    model: SensorModel,
+    table: FeatureTable,
+    rows: Index,
+    particles: Particles,
+    weights: Array,
+    mean_pose: Array,
+    calibration: SensorCalibration,
+    occluders: tuple[Occluder, ...],
+) -> View:
+    """Predict what the sensor should see of the given rows."""
+    pose = particles.pose[:, None, :]
+    own = table.kind[rows] == Kind.NEW
+    points = np.empty((len(particles), len(rows), 2))
+    points[:] = table.xy[rows]
+    slots = table.slot[rows[own]]
+    points[:, own] = particles.mean[:, slots]
+    distance, bearing = model.polar(pose, points)
+    scale = particles.calibration[:, 0, None]
+    if model.has_bearing:
+        predicted = np.stack([distance * (1.0 + scale), bearing + particles.calibration[:, 1, None]], axis=-1)
+    else:
+        predicted = model.predict(pose, points) * (1.0 + scale[..., None])
+    centre = np.einsum("k,kfi->fi", weights, points)
+    covariance = table.covariance[rows]
+    covariance[own] = np.einsum("k,klij->lij", weights, particles.covariance[:, slots])
+    jacobian = model.feature_jacobian(mean_pose, centre)
+    mean_distance = weights @ distance
+    extra = ekf.innovation_covariance(jacobian, covariance, calibration.measurement_variance(mean_distance))
+    marginal = marginalise(model, predicted, weights, extra)
+    visible = visibility_probability(model.sensor, distance, bearing, weights)
+    hidden = np.zeros(len(rows))
+    if occluders:
+        _, mean_bearing = model.polar(mean_pose, centre)
+        spread = np.sqrt(marginal.covariance[:, 1, 1]) if model.has_bearing else np.full(len(rows), 0.01)
+        hidden = occlusion_probability(occluders, mean_distance, mean_bearing, spread)
+    return View(rows, points, distance, predicted, visible, hidden, marginal)
+
+
+def pre_associate(
+    model: SensorModel, table: FeatureTable, view: View, seen: Seen, parameters: FilterParameters
+) -> tuple[Index, Array]:
+    """Assign detections to features by likelihood, one to one (section 4.3.1); return columns (D,) or -1, and NIS."""
+    e, _, u = existence.masses(table, view.rows)
+    shows = view.visible * (1.0 - view.hidden)
+    log_prior = np.log(np.maximum((e + 0.5 * u) * np.maximum(shows, 0.05), 1e-3))[None, :]
+    signs, values = table.sign[view.rows], table.value[view.rows]
+    other_sign = (seen.sign[:, None] != signs) & (seen.sign[:, None] > 0) & (signs > 0)
+    other_value = (seen.value[:, None] != values) & (seen.value[:, None] > 0) & (values > 0)
+    log_prior = log_prior + np.log(parameters.sign_confusion) * (other_sign | other_value)
+    log_prior = np.where(seen.feature_class[:, None] == table.feature_class[view.rows], log_prior, -np.inf)
+    return associate(model, seen.measurement, seen.noise, view.marginal, log_prior, parameters.gate)
+
+
+def weigh_and_update(
+    model: SensorModel,
+    table: FeatureTable,
+    view: View,
+    seen: Seen,
+    pairs: list[tuple[int, int]],
+    usable: NDArray[np.bool_],
+    particles: Particles,
+    calibration: SensorCalibration,
+    parameters: FilterParameters,
+    share: float,
+) -> None:
+    """Weigh the particles by usable pairs (eq. 17-19), then update new features (eq. 16) and the calibration.
+
+    Parameters
+    ----------
+    pairs : (detection, column of the view) of all associated detections.
+    usable : for each pair whether its feature is Normal or New (section 4.3.4).
+    """
+    detections = np.array([d for d, _ in pairs], dtype=np.intp)
+    columns = np.array([c for _, c in pairs], dtype=np.intp)
+    rows = view.rows[columns]
+    own = table.kind[rows] == Kind.NEW
+    slots = table.slot[rows]
+    innovation = model.innovation(seen.measurement[detections], view.predicted[:, columns])
+    jacobian = model.feature_jacobian(particles.pose[:, None, :], view.points[:, columns])
+    covariance = np.empty((len(particles), len(pairs), 2, 2))
+    covariance[:] = table.covariance[rows]
+    covariance[:, own] = particles.covariance[:, slots[own]]
+    noise = np.broadcast_to(seen.noise[detections], innovation.shape)
+    distance = view.distance[:, columns]
+    if usable.any():
+        # Q = H Σ Hᵀ + R with Σ from before the update, of map features and new ones alike (errata to 17 and 18)
+        q = ekf.innovation_covariance(
+            jacobian[:, usable],
+            covariance[:, usable],
+            noise[:, usable] + calibration.measurement_variance(distance[:, usable]),
+        )
+        likelihood = weighting.robust_log_likelihood(
+            weighting.gaussian_log_likelihood(innovation[:, usable], q),
+            float(np.log(model.clutter_density)),
+            parameters.outlier_share,
+        )
+        particles.log_weight = weighting.combine(particles.log_weight, likelihood, share)
+    if own.any():
+        particles.mean[:, slots[own]], particles.covariance[:, slots[own]] = ekf.update(
+            particles.mean[:, slots[own]],
+            particles.covariance[:, slots[own]],
+            jacobian[:, own],
+            innovation[:, own],
+            noise[:, own] / share,
+        )
+    if model.has_bearing:
+        mapped = usable & (table.kind[rows] == Kind.MAP)
+        for index in np.flatnonzero(mapped):
+            place = np.einsum("kij,jl,kil->ki", jacobian[:, index], table.covariance[rows[index]], jacobian[:, index])
+            calibration.update(
+                particles,
+                innovation[:, index],
+                distance[:, index],
+                seen.noise[detections[index]] / share + place.mean(axis=0),
+            )

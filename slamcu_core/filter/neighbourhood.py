@@ -1,0 +1,125 @@
+"""Which rows are within reach: the map by tile, and the car's own finds, so that a step never sees the whole map."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamcu_core.evidence import support
+from slamcu_core.filter.particles import Particles
+from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
+from slamcu_core.geometry import LocalFrame
+from slamcu_core.hd_map import HDMap
+
+Array = NDArray[np.float64]
+
+_STEP_M = 30.0  # how far the car may move before the neighbourhood is looked up again
+_KEEP_M = 150.0  # beyond the sensors' reach: a find this far away is collapsed to one Gaussian
+_REANCHOR_M = 15_000.0  # the local frame is flat enough up to here
+
+
+class Neighbourhood:
+    """Keeps the rows near the car active and the rest cheap."""
+
+    def __init__(self, table: FeatureTable, hd_map: HDMap, frame: LocalFrame, names: Vocabulary, reach: float) -> None:
+        self._table, self._map, self._names, self._reach = table, hd_map, names, reach
+        self.frame = frame
+        self.rows: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
+        self._row_of: dict[int, int] = {}
+        self._centre: Array | None = None
+
+    def row_of(self, index: int) -> int | None:
+        """Return the row of a map feature by its index, if the car has come near it."""
+        return self._row_of.get(index)
+
+    def refresh(self, place: Array, particles: Particles, *, force: bool = False) -> bool:
+        """Look up again what is near a place (2,) m if the car has moved; return whether the rows changed."""
+        if not force and self._centre is not None and np.hypot(*(place - self._centre)) < _STEP_M:
+            return False
+        self._centre = place.copy()
+        lon, lat = self.frame.to_geographic(place)
+        near = self._map.near(float(lon), float(lat), self._reach + 2.0 * _STEP_M)
+        mapped = np.array([self._ensure(int(index)) for index in near], dtype=np.intp)
+        self.rows = np.concatenate([mapped, self._own(place, particles)])
+        return True
+
+    def _ensure(self, index: int) -> int:
+        row = self._row_of.get(index)
+        if row is not None:
+            return row
+        feature = self._map.features[index]
+        names, table = self._names, self._table
+        row = table.add(
+            Kind.WATCH if feature.watched else Kind.MAP,
+            feature_class=names.code(feature.feature_class),
+            sign=names.code(feature.sign),
+            value=names.code(feature.value),
+            prior=0.0 if feature.watched else float(support(feature.existence_confidence)),
+        )
+        table.source[row] = index
+        table.xy[row] = self.frame.to_local(feature.lon, feature.lat)
+        table.covariance[row] = np.eye(2) * feature.position_std_m**2
+        self._row_of[index] = row
+        return row
+
+    def _own(self, place: Array, particles: Particles) -> NDArray[np.intp]:
+        """Return the car's own finds that are near; wake those that came back, collapse those left behind."""
+        table = self._table
+        own = np.flatnonzero((table.kind == Kind.NEW) & table.alive)
+        live = table.slot[own] >= 0
+        if len(own):
+            weights = particles.weights
+            table.xy[own[live]] = np.einsum("k,kli->li", weights, particles.mean[:, table.slot[own[live]]])
+        distance = np.hypot(*(table.xy[own] - place).T)
+        for row in own[live & (distance > self._reach + _KEEP_M)]:
+            table.xy[row], table.covariance[row] = particles.collapse(int(table.slot[row]))
+            table.slot[row] = -1
+        for row in own[~live & (distance < self._reach + 2.0 * _STEP_M)]:
+            slot = self.free_slot(particles)
+            if slot is not None:
+                particles.mean[:, slot], particles.covariance[:, slot] = table.xy[row], table.covariance[row]
+                table.slot[row] = slot
+        return own[table.slot[own] >= 0]
+
+    def free_slot(self, particles: Particles) -> int | None:
+        """Return a slot of the particles' arrays that no row uses, or None."""
+        table = self._table
+        used = table.slot[(table.kind == Kind.NEW) & table.alive]
+        free = np.setdiff1d(np.arange(particles.mean.shape[1]), used)
+        return int(free[0]) if len(free) else None
+
+    def reanchor(self, place: Array, particles: Particles) -> bool:
+        """Move the local frame to `place` if that is far from its anchor, carrying rows and particles along."""
+        if np.hypot(*place) < _REANCHOR_M:
+            return False
+        lon, lat = self.frame.to_geographic(place)
+        old, new = self.frame, LocalFrame(float(lon), float(lat))
+        ahead = new.to_local(*old.to_geographic(place + np.array([1.0, 0.0])))
+        turn = float(np.arctan2(ahead[1], ahead[0]))
+        rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+
+        def move(xy: Array) -> Array:
+            return new.to_local(*old.to_geographic(xy))
+
+        particles.state[:, :2] = move(particles.state[:, :2])
+        particles.state[:, 2] += turn
+        particles.mean = move(particles.mean)
+        particles.covariance = rotation @ particles.covariance @ rotation.T
+        particles.gnss_bias = particles.gnss_bias @ rotation.T
+        table = self._table
+        table.xy[:] = move(table.xy)
+        table.covariance[:] = rotation @ table.covariance @ rotation.T
+        seen = table.seen_information
+        has = np.linalg.det(seen) > 1e-12
+        sighted = np.zeros_like(table.seen_vector)
+        sighted[has] = move(np.linalg.solve(seen[has], table.seen_vector[has][..., None])[..., 0])
+        table.seen_information[:] = rotation @ seen @ rotation.T
+        table.seen_vector[:] = (table.seen_information @ sighted[..., None])[..., 0]
+        looked = table.view_weight > 0.0
+        table.view_from[looked] = (
+            move(table.view_from[looked] / table.view_weight[looked, None]) * table.view_weight[looked, None]
+        )
+        table.axis[:] = table.axis @ rotation.T
+        self.frame = new
+        self._centre = None
+        return True

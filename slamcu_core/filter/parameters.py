@@ -1,0 +1,54 @@
+"""What can be set about the filter, with units and where each number comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+from slamcu_core.errors import SlamcuError
+from slamcu_core.models import MotionNoise
+
+
+@dataclass(frozen=True, slots=True)
+class FilterParameters:
+    """Settings of the SLAMCU filter; the defaults suit a car with a series camera.
+
+    Raises SlamcuError, naming the field, for a value outside its range.
+    """
+
+    particles: int = 100  # M of eq. 11
+    motion: MotionNoise = field(default_factory=MotionNoise)
+    miss_confidence: float = 0.9  # λ of eq. 2, before P(visible) and P_D (errata)
+    gate: float = 13.8  # chi-square with 2 degrees of freedom at 99.9 %, on the innovation (section 4.3.1)
+    resample_fraction: float = 0.5  # α of eq. 20
+    jitter: float = 0.2  # kernel width of regularised resampling, in standard deviations of the particle cloud
+    outlier_share: float = 0.02  # share of accepted associations that are wrong: floors eq. 17 and 18
+    correlation_time_s: float = 0.3  # frames closer than this share their errors and are tempered (errata to 6.2)
+    evidence_cap: float = 15.0  # largest weight kept per feature on board, so that a drive can still change its mind
+    sign_confusion: float = 0.03  # share of detections whose sign type or value is misread
+    range_scale_std: float = 0.02  # of the range, constant per vehicle; learned from the map's features
+    bearing_bias_std: float = 0.003  # rad, constant per vehicle; learned likewise
+    pass_range_std: float = 0.01  # of the range, constant within one pass; nothing on board can learn it
+    gnss_white_share: float = 0.4  # of a fix's std_m; the rest is a bias that wanders slowly
+    gnss_correlation_s: float = 180.0  # time constant of that bias
+    pass_gap_s: float = 5.0  # a feature out of view this long has left it (design: definition of a pass)
+    max_new: int = 64  # live unmapped features; beyond, the weakest unproven one gives way
+    minimum_hits: int = 3  # detections before an unmapped feature may be called New
+    mover_speed: float = 1.0  # m/s; what moves at all moves at least so fast, or at 0.4 of our own speed
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("particles", 2, 100_000),
+            ("miss_confidence", 0.0, 1.0),
+            ("gate", 1.0, 100.0),
+            ("resample_fraction", 0.0, 1.0),
+            ("jitter", 0.0, 1.0),
+            ("outlier_share", 0.0, 0.5),
+            ("sign_confusion", 1e-6, 0.5),
+            ("max_new", 1, 10_000),
+        ):
+            if not low <= getattr(self, name) <= high:
+                raise SlamcuError(f"{name} must lie in [{low}, {high}], not {getattr(self, name)}")
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, float) and not value >= 0.0:
+                raise SlamcuError(f"{item.name} must be at least 0, not {value}")

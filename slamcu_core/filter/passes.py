@@ -1,0 +1,71 @@
+"""Passes: one continuous stay of a feature in a sensor's view, and the report that ends it (design: evidence law)."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
+from slamcu_core.geometry import LocalFrame
+from slamcu_core.hd_map import HDMap
+from slamcu_core.reports import DetectionStatus, MapReference, MeasuredPosition, PassReport
+
+Array = NDArray[np.float64]
+
+
+def pass_status(kind: int, weight_for: float, weight_against: float, detected: int, missed: int) -> DetectionStatus:
+    """Return how SENSORIS calls the outcome of a pass."""
+    if detected and weight_for >= weight_against:
+        if kind == Kind.NEW:
+            return DetectionStatus.NOT_EXPECTED_AND_DETECTED
+        return DetectionStatus.EXPECTED_AND_DETECTED
+    if missed:
+        return DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE
+    return DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_BLOCKED
+
+
+def measured_position(frame: LocalFrame, xy: Array, covariance: Array) -> MeasuredPosition:
+    """Return a place (2,) m with covariance (2, 2) m² in geographic coordinates."""
+    lon, lat = frame.to_geographic(xy)
+    return MeasuredPosition(
+        float(lon), float(lat), (float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1]))
+    )
+
+
+class PassReporter:
+    """Turns closed passes of the feature table into reports."""
+
+    def __init__(self, table: FeatureTable, hd_map: HDMap, start_time: datetime, names: Vocabulary) -> None:
+        self._table, self._map, self._start, self._names = table, hd_map, start_time, names
+
+    def report(self, row: int, place: MeasuredPosition | None) -> PassReport:
+        """Return the report of a row's open pass and close it."""
+        table = self._table
+        table.open[row] = False
+        kind = int(table.kind[row])
+        f, a = float(table.pass_for[row]), float(table.pass_against[row])
+        detected, missed = int(table.detected[row]), int(table.missed[row])
+        status = pass_status(kind, f, a, detected, missed)
+        reference = None
+        sign, value = self._names.name(int(table.sign[row])), self._names.name(int(table.value[row]))
+        if kind != Kind.NEW:
+            feature = self._map.features[int(table.source[row])]
+            reference = MapReference(feature.tile_id, feature.object_id)
+            sign, value = feature.sign, feature.value
+        return PassReport(
+            started_at=self._start + timedelta(seconds=float(table.pass_start[row])),
+            ended_at=self._start + timedelta(seconds=float(table.pass_last[row])),
+            status=status,
+            weight_for=f,
+            weight_against=a,
+            feature_class=self._names.name(int(table.feature_class[row])) or "",
+            sign=sign,
+            value=value,
+            reference=reference,
+            position=place,
+            frames_detected=detected,
+            frames_missed=missed,
+            frames_blocked=int(table.blocked[row]),
+        )

@@ -1,0 +1,152 @@
+"""What the car holds about each feature it has come near, as growing arrays: place, evidence, and the open pass."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Kind(IntEnum):
+    """What a row stands for."""
+
+    MAP = 0  # a feature of the HD map: has a prior (eq. 3)
+    WATCH = 1  # a candidate that the cloud wants checked: vacuous (eq. 4), never localized on
+    NEW = 2  # found by this car: vacuous (eq. 4)
+
+
+_COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
+    "kind": (np.int8, ()),
+    "source": (np.intp, ()),  # index into the HD map; -1 for NEW
+    "slot": (np.intp, ()),  # slot in the particles' arrays; -1 if none
+    "alive": (np.bool_, ()),
+    "reported": (np.bool_, ()),  # a NEW feature that the cloud has been told of
+    "feature_class": (np.intp, ()),
+    "sign": (np.intp, ()),  # code of the sign type; 0: not known
+    "value": (np.intp, ()),
+    "xy": (np.float64, (2,)),  # m, in the filter's frame
+    "covariance": (np.float64, (2, 2)),  # m²
+    "prior": (np.float64, ()),  # weight of eq. 3
+    "weight_for": (np.float64, ()),  # evidence of the whole drive, without the prior
+    "weight_against": (np.float64, ()),
+    "hits": (np.int64, ()),
+    "born": (np.float64, ()),
+    "last_hit": (np.float64, ()),
+    "passes": (np.int64, ()),
+    # the open pass
+    "open": (np.bool_, ()),
+    "pass_start": (np.float64, ()),
+    "pass_last": (np.float64, ()),
+    "pass_for": (np.float64, ()),
+    "pass_against": (np.float64, ()),
+    "detected": (np.int64, ()),
+    "missed": (np.int64, ()),
+    "blocked": (np.int64, ()),
+    "seen_information": (np.float64, (2, 2)),  # Σ R⁻¹ of sightings in the frame, 1/m²
+    "seen_vector": (np.float64, (2,)),  # Σ R⁻¹ p
+    "view_weight": (np.float64, ()),  # Σ 1/σ_r² of sightings
+    "view_from": (np.float64, (2,)),  # Σ (place of the sensor) / σ_r²
+    # regression of place along the road on time: does it stand still?
+    "axis": (np.float64, (2,)),
+    "track": (np.float64, (5,)),  # Σw, Σwt, Σwt², Σwy, Σwty
+}
+
+
+class FeatureTable:
+    """Rows of features as arrays; attributes are named as in `_COLUMNS` and are views of the rows in use."""
+
+    kind: NDArray[np.int8]
+    source: NDArray[np.intp]
+    slot: NDArray[np.intp]
+    alive: NDArray[np.bool_]
+    reported: NDArray[np.bool_]
+    feature_class: NDArray[np.intp]
+    sign: NDArray[np.intp]
+    value: NDArray[np.intp]
+    xy: Array
+    covariance: Array
+    prior: Array
+    weight_for: Array
+    weight_against: Array
+    hits: NDArray[np.int64]
+    born: Array
+    last_hit: Array
+    passes: NDArray[np.int64]
+    open: NDArray[np.bool_]
+    pass_start: Array
+    pass_last: Array
+    pass_for: Array
+    pass_against: Array
+    detected: NDArray[np.int64]
+    missed: NDArray[np.int64]
+    blocked: NDArray[np.int64]
+    seen_information: Array
+    seen_vector: Array
+    view_weight: Array
+    view_from: Array
+    axis: Array
+    track: Array
+
+    def __init__(self) -> None:
+        self._store = {name: np.zeros((64, *shape), kind) for name, (kind, shape) in _COLUMNS.items()}
+        self._size = 0
+        self._bind()
+
+    def __len__(self) -> int:
+        return self._size
+
+    def _bind(self) -> None:
+        for name, store in self._store.items():
+            setattr(self, name, store[: self._size])
+
+    def add(self, kind: Kind, *, feature_class: int, sign: int, value: int, prior: float = 0.0) -> int:
+        """Append a row and return its index."""
+        row = self._size
+        if row == len(self._store["kind"]):
+            self._store = {name: np.concatenate([s, np.zeros_like(s)]) for name, s in self._store.items()}
+        self._size += 1
+        self._bind()
+        self.reuse(row, kind, feature_class=feature_class, sign=sign, value=value)
+        self.prior[row] = prior
+        return row
+
+    def reuse(self, row: int, kind: Kind, *, feature_class: int, sign: int, value: int) -> int:
+        """Make a forgotten row stand for something else and return its index."""
+        for store in self._store.values():
+            store[row] = 0
+        self.kind[row], self.source[row], self.slot[row], self.alive[row] = kind, -1, -1, True
+        self.feature_class[row], self.sign[row], self.value[row] = feature_class, sign, value
+        return row
+
+    def begin_pass(self, row: int, t: float) -> None:
+        """Open a pass of a row at time t."""
+        self.open[row] = True
+        self.pass_start[row] = t
+        for name in ("pass_for", "pass_against", "detected", "missed", "blocked"):
+            self._store[name][row] = 0
+        for name in ("seen_information", "seen_vector", "view_weight", "view_from"):
+            self._store[name][row] = 0.0
+        self.passes[row] += 1
+
+
+class Vocabulary:
+    """Small integers for names; 0 stands for None."""
+
+    def __init__(self) -> None:
+        self._names: list[str | None] = [None]
+        self._codes: dict[str | None, int] = {None: 0}
+
+    def code(self, name: str | None) -> int:
+        """Return the code of a name, new if need be."""
+        code = self._codes.get(name)
+        if code is None:
+            code = self._codes[name] = len(self._names)
+            self._names.append(name)
+        return code
+
+    def name(self, code: int) -> str | None:
+        """Return the name of a code."""
+        return self._names[code]

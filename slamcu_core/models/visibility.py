@@ -1,0 +1,51 @@
+"""Field of view and occlusion: how likely a sensor could have seen a feature (errata to eq. 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamcu_core.drive import Occluder, Sensor
+
+Array = NDArray[np.float64]
+
+_OCCLUDER_RANGE_STD = 1.0  # m; a feature closer than this behind an object's near face may stand before it
+_OCCLUDER_MARGIN_M = 0.3  # m added to each side: reported widths cut mirrors and loads
+
+
+def visibility_probability(sensor: Sensor, distance: Array, bearing: Array, weights: Array) -> Array:
+    """Return for F features the probability, over M particles, of standing in the field of view, shape (F,).
+
+    Parameters
+    ----------
+    distance, bearing : true range (m) and bearing (rad) of each feature from each particle's sensor, (M, F).
+    weights : normalised weights of the particles, (M,).
+    """
+    inside = (
+        (distance >= sensor.min_range_m)
+        & (distance <= sensor.max_range_m)
+        & (np.abs(bearing) <= np.deg2rad(sensor.fov_deg) / 2.0)
+    )
+    return np.asarray(weights @ inside)
+
+
+def occlusion_probability(
+    occluders: Sequence[Occluder], distance: Array, bearing: Array, bearing_std: Array
+) -> Array:
+    """Return for F features the probability of standing behind an object, shape (F,).
+
+    Parameters
+    ----------
+    distance, bearing : mean range (m) and bearing (rad) of the features, (F,).
+    bearing_std : uncertainty of those bearings (rad), (F,).
+    """
+    visible = np.ones_like(distance)
+    for occluder in occluders:
+        half = np.arctan2(occluder.width / 2.0 + _OCCLUDER_MARGIN_M, max(occluder.range, 0.1))
+        offset = np.abs(bearing - occluder.bearing)
+        behind = 1.0 / (1.0 + np.exp(-(distance - occluder.range) / (0.5 * _OCCLUDER_RANGE_STD)))
+        inside = 1.0 / (1.0 + np.exp(-(half - offset) / np.maximum(0.6 * bearing_std, 1e-4)))
+        visible *= 1.0 - behind * inside
+    return 1.0 - visible
