@@ -64,7 +64,7 @@ class CameraParameters:
     mount_x_m: float = 1.8  # ahead of the rear axle
     range_std_m: float = 0.3  # white per frame; floor 0.3 m + 5 % of range
     range_std_rel: float = 0.05
-    range_bias_std: float = 0.015  # 1 sigma per vehicle, constant scale error of range; floor 1.5 %
+    range_bias_std: float = 0.018  # 1 sigma per vehicle, constant scale error of range; floor 1.5 %
     common_range_bias: float = 0.0  # scale error shared by every car of a fleet
     pass_range_std: float = 0.015  # scale error of range common to one pass (size and height of the sign's face)
     pass_range_time_s: float = 2.0  # correlation time of that error: nearly constant within a pass
