@@ -46,6 +46,19 @@ def add_misses(
     _cap(table, rows, parameters.evidence_cap)
 
 
+def detectability(
+    table: FeatureTable, rows: NDArray[np.intp], nominal: float, concentration: float
+) -> Array:
+    """Return P_D of rows in their open pass, given how the pass has gone so far.
+
+    Misses come in bursts: a feature that faces away or stands behind a bush is missed in every frame of a pass. So P_D
+    of a pass is itself uncertain, Beta distributed with the sensor's nominal P_D as mean and `concentration` looks as
+    its weight; each look updates it, and a long row of misses counts ever less.
+    """
+    hit, missed = table.looks_hit[rows], table.looks_missed[rows]
+    return np.asarray((concentration * nominal + hit) / (concentration + hit + missed))
+
+
 def _cap(table: FeatureTable, rows: NDArray[np.intp], cap: float) -> None:
     top = np.maximum(table.weight_for[rows], table.weight_against[rows])
     scale = cap / np.maximum(top, cap)
@@ -90,4 +103,4 @@ def stands_still(
     mover = max(parameters.mover_speed, 0.4 * abs(own_speed))
     at_rest = speed**2 / variance
     moving = np.maximum(mover - speed, 0.0) ** 2 / variance
-    return known & (at_rest < 9.0) & (moving - at_rest > 6.0)
+    return np.asarray(known & (at_rest < 9.0) & (moving - at_rest > 6.0))

@@ -200,7 +200,7 @@ class SlamcuFilter:
         near = distance < spec.max_range_m + 10.0
         ahead = (np.abs(bearing) < np.deg2rad(spec.fov_deg) / 2.0 + 0.2) | (distance < 5.0)
         fits = np.isin(table.feature_class[rows], list(sensor.classes))
-        return rows[near & ahead & fits & table.alive[rows]]
+        return np.asarray(rows[near & ahead & fits & table.alive[rows]])
 
     def _manage(self, sensor: _Sensor, view: View, seen: Seen, share: float, pose: Array) -> None:
         table, parameters, t = self._table, self.parameters, self._time
@@ -214,9 +214,14 @@ class SlamcuFilter:
         existence.add_detections(
             table, hit_rows, seen.confidence[[d for d, _ in pairs]], share, parameters.evidence_cap
         )
-        chance = view.visible * (1.0 - view.hidden) * sensor.model.sensor.detection_probability
+        looked = view.visible * (1.0 - view.hidden)
+        chance = looked * existence.detectability(
+            table, view.rows, sensor.model.sensor.detection_probability, parameters.detection_concentration
+        )
         missed = ~hit & (view.visible > 0.05)
         existence.add_misses(table, view.rows[missed], chance[missed], parameters, share)
+        table.looks_hit[hit_rows] += share
+        table.looks_missed[view.rows[missed]] += share * looked[missed]
         table.hits[hit_rows] += 1
         table.last_hit[hit_rows] = t
         for detection, column in pairs:
@@ -246,8 +251,8 @@ class SlamcuFilter:
                 share,
             )
         self._drop_refuted(view.rows)
-        for detection in np.flatnonzero(columns < 0):
-            self._give_birth(sensor, seen, int(detection), share, pose)
+        for alone in np.flatnonzero(columns < 0).tolist():
+            self._give_birth(sensor, seen, alone, share, pose)
 
     def _keep_passes(self, view: View, hit: NDArray[np.bool_]) -> None:
         table, t = self._table, self._time
@@ -283,7 +288,7 @@ class SlamcuFilter:
 
     def _stands(self, rows: Index) -> NDArray[np.bool_]:
         proven = existence.stands_still(self._table, rows, self._speed, self.parameters)
-        return proven | (self._table.kind[rows] != Kind.NEW) | self._table.reported[rows]
+        return np.asarray(proven | (self._table.kind[rows] != Kind.NEW) | self._table.reported[rows])
 
     # --- the car's own finds ---------------------------------------------------------------------------------------
 

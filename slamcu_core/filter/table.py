@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,8 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     "detected": (np.int64, ()),
     "missed": (np.int64, ()),
     "blocked": (np.int64, ()),
+    "looks_hit": (np.float64, ()),  # independent looks of the pass that found it, and that did not
+    "looks_missed": (np.float64, ()),
     "seen_information": (np.float64, (2, 2)),  # Σ R⁻¹ of sightings in the frame, 1/m²
     "seen_vector": (np.float64, (2,)),  # Σ R⁻¹ p
     "view_weight": (np.float64, ()),  # Σ 1/σ_r² of sightings
@@ -83,6 +86,8 @@ class FeatureTable:
     detected: NDArray[np.int64]
     missed: NDArray[np.int64]
     blocked: NDArray[np.int64]
+    looks_hit: Array
+    looks_missed: Array
     seen_information: Array
     seen_vector: Array
     view_weight: Array
@@ -91,7 +96,7 @@ class FeatureTable:
     track: Array
 
     def __init__(self) -> None:
-        self._store = {name: np.zeros((64, *shape), kind) for name, (kind, shape) in _COLUMNS.items()}
+        self._store: dict[str, NDArray[Any]] = {name: np.zeros((64, *shape), kind) for name, (kind, shape) in _COLUMNS.items()}
         self._size = 0
         self._bind()
 
@@ -125,7 +130,7 @@ class FeatureTable:
         """Open a pass of a row at time t."""
         self.open[row] = True
         self.pass_start[row] = t
-        for name in ("pass_for", "pass_against", "detected", "missed", "blocked"):
+        for name in ("pass_for", "pass_against", "detected", "missed", "blocked", "looks_hit", "looks_missed"):
             self._store[name][row] = 0
         for name in ("seen_information", "seen_vector", "view_weight", "view_from"):
             self._store[name][row] = 0.0

@@ -21,7 +21,7 @@ def robust_log_likelihood(log_likelihood: Array, log_clutter: float, outlier_sha
     """Mix a likelihood with the clutter density, so that one wrong association cannot kill the true particles."""
     if outlier_share == 0.0:
         return log_likelihood
-    return np.logaddexp(np.log1p(-outlier_share) + log_likelihood, np.log(outlier_share) + log_clutter)
+    return np.asarray(np.logaddexp(np.log1p(-outlier_share) + log_likelihood, np.log(outlier_share) + log_clutter))
 
 
 def combine(log_weight: Array, log_likelihoods: Array, temper: float) -> Array:

@@ -30,9 +30,9 @@ class MotionNoise:
     def robot(cls) -> MotionNoise:
         """Return the noise of a small wheeled robot that logs commanded, not measured, speeds."""
         return cls(
-            distance_std=0.03,
-            turn_std=0.06,
-            drift_std=0.01,
+            distance_std=0.05,
+            turn_std=0.2,
+            drift_std=0.05,
             speed_scale_std=0.05,
             yaw_scale_std=0.08,
             yaw_bias_std=0.005,

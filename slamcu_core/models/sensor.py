@@ -107,9 +107,7 @@ class SensorModel:
 
         Raises SlamcuError if the detection lacks what this kind of sensor measures.
         """
-        first, second = (
-            (detection.range, detection.bearing) if self.has_bearing else (detection.x, detection.y)
-        )
+        first, second = (detection.range, detection.bearing) if self.has_bearing else (detection.x, detection.y)
         if first is None or second is None:
             expected = "range and bearing" if self.has_bearing else "x and y"
             raise SlamcuError(f"a detection of sensor {self.sensor.id!r} needs {expected}")

@@ -31,9 +31,7 @@ def visibility_probability(sensor: Sensor, distance: Array, bearing: Array, weig
     return np.asarray(weights @ inside)
 
 
-def occlusion_probability(
-    occluders: Sequence[Occluder], distance: Array, bearing: Array, bearing_std: Array
-) -> Array:
+def occlusion_probability(occluders: Sequence[Occluder], distance: Array, bearing: Array, bearing_std: Array) -> Array:
     """Return for F features the probability of standing behind an object, shape (F,).
 
     Parameters
