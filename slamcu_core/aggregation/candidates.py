@@ -77,12 +77,13 @@ def cluster(
         rules = policy.for_class(name)
         chosen = [i for i in order if group_key[i] == name]
         finds = np.array([i for i in chosen if found[i]], np.intp)
-        mine = _merged(places, covariances, finds, sign=sign, value=value, observer=observer, times=times, policy=rules)
+        floored = own_covariance(covariances, rules) + rules.position_floor_m**2 * np.eye(2)
+        mine = _merged(places, floored, finds, sign=sign, value=value, observer=observer, times=times, policy=rules)
         for number, part in enumerate(mine, start=len(parts)):
             labels[list(part.members)] = number
         for miss in chosen:
             if not found[miss]:
-                nearest = _nearest(places, covariances, miss, mine, sign=sign[miss], value=value[miss], policy=rules)
+                nearest = _nearest(places, floored, miss, mine, sign=sign[miss], value=value[miss], policy=rules)
                 labels[miss] = -1 if nearest is None else len(parts) + nearest
         parts += mine
     return _numbered(labels, [part.members[0] for part in parts], order)
@@ -108,11 +109,9 @@ def _merged(
     policy: ClassPolicy,
 ) -> list[Part]:
     """Cluster the finds of one class, given in canonical order; members are indices of passes."""
-    contributors: dict[Hashable, int] = {}
     sessions: dict[Hashable, int] = {}
     cards = [
         Find(
-            contributor=contributors.setdefault(observer[i][0], len(contributors)),
             session=sessions.setdefault(observer[i], len(sessions)),
             start=float(times[i, 0]),
             end=float(times[i, 1]),
@@ -142,12 +141,11 @@ def _nearest(
     policy: ClassPolicy,
 ) -> int | None:
     """Return which cluster a miss is about: the likeliest within the gate that has a find within the match radius."""
-    total = own_covariance(covariances[miss : miss + 1], policy)[0] + policy.position_floor_m**2 * np.eye(2)
     best, nearest = np.inf, None
     for number, part in enumerate(parts):
         if not (compatible(sign, part.sign) and compatible(value, part.value)):
             continue
-        cost = float(pair_costs(places[miss], total, part.xy[None], part.covariance[None], policy)[0])
+        cost = float(pair_costs(part.xy - places[miss], part.covariance + covariances[miss], policy))
         distances = np.hypot(*(places[list(part.members)] - places[miss]).T)
         if cost < best and distances.min() <= policy.match_radius_m:
             best, nearest = cost, number
