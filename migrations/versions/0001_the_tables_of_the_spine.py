@@ -105,6 +105,13 @@ def upgrade() -> None:
         ),
     )
     op.create_index("ix_messages_pending", "messages", ["id"], postgresql_where=sa.text("state = 'pending'"))
+    op.create_index(
+        "ix_messages_bodies",
+        "messages",
+        ["processed_at"],
+        postgresql_where=sa.text("state = 'fused' AND body IS NOT NULL"),
+    )
+    op.create_index("ix_messages_quarantined", "messages", ["id"], postgresql_where=sa.text("state = 'quarantined'"))
     op.create_table(
         "candidates",
         sa.Column("id", sa.BigInteger(), sa.Identity(), nullable=False),

@@ -148,6 +148,12 @@ messages = Table(
     CheckConstraint("state IN ('pending', 'fused', 'quarantined')", name="state"),
 )
 Index("ix_messages_pending", messages.c.id, postgresql_where=text("state = 'pending'"))
+Index(
+    "ix_messages_bodies",
+    messages.c.processed_at,
+    postgresql_where=text("state = 'fused' AND body IS NOT NULL"),
+)
+Index("ix_messages_quarantined", messages.c.id, postgresql_where=text("state = 'quarantined'"))
 
 candidates = Table(
     "candidates",
