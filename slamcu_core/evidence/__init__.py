@@ -1,7 +1,7 @@
 """Dempster-Shafer evidence about existence: the paper's section 4.2 in weights of evidence."""
 
 from slamcu_core.evidence.dempster import conjunctive, dempster
-from slamcu_core.evidence.masses import Masses, discount
+from slamcu_core.evidence.masses import Existence, Masses, discount
 from slamcu_core.evidence.weights import (
     LAMBDA_MAX,
     clamp_confidence,
@@ -13,6 +13,7 @@ from slamcu_core.evidence.weights import (
 
 __all__ = [
     "LAMBDA_MAX",
+    "Existence",
     "Masses",
     "clamp_confidence",
     "conflict",

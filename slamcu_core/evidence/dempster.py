@@ -6,7 +6,7 @@ divided by their own sum, which is the same number computed safely.
 
 from __future__ import annotations
 
-from slamcu_core.evidence.masses import Masses
+from slamcu_core.evidence.masses import SMALLEST_UNKNOWN, Masses
 
 
 def conjunctive(first: Masses, second: Masses) -> tuple[float, float, float, float]:
@@ -20,7 +20,10 @@ def conjunctive(first: Masses, second: Masses) -> tuple[float, float, float, flo
 
 
 def dempster(first: Masses, second: Masses) -> Masses:
-    """Combine two independent sources (eq. 5): the conjunctive rule (eq. 7), normalised (eq. 6)."""
+    """Combine two independent sources (eq. 5): the conjunctive rule (eq. 7), normalised (eq. 6).
+
+    An unknown mass that leaves the range of a double is held at its smallest.
+    """
     _, exists, not_exists, unknown = conjunctive(first, second)
     total = exists + not_exists + unknown
-    return Masses(exists / total, not_exists / total, unknown / total)
+    return Masses(exists / total, not_exists / total, max(unknown / total, SMALLEST_UNKNOWN))

@@ -8,6 +8,9 @@ from enum import StrEnum
 from slamcu_core.errors import EvidenceError
 from slamcu_core.evidence.weights import clamp_confidence, conflict, masses_from_weights, weights_from_masses
 
+SMALLEST_UNKNOWN = 5e-324
+"""The smallest mass of the unknown, that of the smallest double: certainty itself would be dogma."""
+
 
 class Existence(StrEnum):
     """The existence state with the largest mass (paper section 4.3.3)."""
@@ -52,7 +55,7 @@ class Masses:
         Beyond a weight of about 700 the unknown mass leaves the range of a double; it is held at its smallest.
         """
         e, n, u = (float(mass) for mass in masses_from_weights(weight_for, weight_against))
-        return cls(e, n, max(u, 5e-324))
+        return cls(e, n, max(u, SMALLEST_UNKNOWN))
 
     @property
     def weights(self) -> tuple[float, float]:

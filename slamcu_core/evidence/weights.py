@@ -62,7 +62,14 @@ def weights_from_masses(exists: ArrayLike, not_exists: ArrayLike, unknown: Array
         raise EvidenceError("masses must be at least 0, and the mass of the unknown above 0")
     if not np.allclose(e + n + u, 1.0, rtol=0.0, atol=1e-9):
         raise EvidenceError("the three masses must sum to 1")
-    return np.log1p(e / u), np.log1p(n / u)
+    return _weight(e, u), _weight(n, u)
+
+
+def _weight(mass: Array, unknown: Array) -> Array:
+    """Return ln(1 + mass / unknown); a ratio that leaves the range of a double is taken as a difference of logs."""
+    with np.errstate(over="ignore"):
+        ratio = mass / unknown
+    return np.asarray(np.where(np.isfinite(ratio), np.log1p(ratio), np.log(mass + unknown) - np.log(unknown)))
 
 
 def conflict(weight_for: ArrayLike, weight_against: ArrayLike) -> Array:
