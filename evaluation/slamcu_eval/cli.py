@@ -15,7 +15,7 @@ import typer
 from slamcu_core.errors import SlamcuError
 from slamcu_eval.console import error_console
 
-COMMANDS: tuple[str, ...] = ()
+COMMANDS: tuple[str, ...] = ("slamcu_eval.commands.paper",)
 
 
 def build_app() -> typer.Typer:

@@ -9,6 +9,7 @@ from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
 
 console = Console()
 error_console = Console(stderr=True)
@@ -41,3 +42,17 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def confusion_table(confusion: dict[str, dict[str, int]]) -> Table:
+    """Return a confusion as a table: truth in rows, what was said in columns."""
+    table = Table(title="Truth (rows) against what was said (columns)")
+    table.add_column("truth")
+    columns = list(next(iter(confusion.values()), {}))
+    for column in [*columns, "right"]:
+        table.add_column(column, justify="right")
+    for truth, row in confusion.items():
+        total = sum(row.values())
+        share = f"{row.get(truth, 0) / total:.1%}" if total else ""
+        table.add_row(truth, *(str(row[column]) for column in columns), share)
+    return table

@@ -20,8 +20,8 @@ _ITERATIONS = 10
 def place_by_least_squares(camera: Array, distance: Array, bearing: Array, sensor: Sensor) -> Array:
     """Return the point (2,) that explains N range and bearing measurements from known camera poses (N, 3) best.
 
-    Gauss-Newton on the residuals, weighted by the data sheet's noise, from the mean of the single sightings. A vehicle's
-    own biases are not known to it and not estimated.
+    Gauss-Newton from the mean of the single sightings, on residuals weighted by the data sheet's noise. What a vehicle
+    has wrong for good is not known to it and not estimated.
     """
     place = single_sightings(camera, distance, bearing).mean(axis=0)
     range_std = sensor.range_std_m + sensor.range_std_rel * distance
@@ -58,17 +58,20 @@ def single_sighting_errors(world: World, drive: Drive) -> Array:
     return np.asarray(np.linalg.norm(places - _truth(world, seen.source[real]), axis=1))
 
 
-def oracle_errors(world: World, drive: Drive, truth: Truth = Truth.NEW) -> Array:
-    """Return how far (m) least squares with the true poses misses each sign of a kind that a drive detected."""
+def oracle_errors(world: World, drive: Drive, truth: Truth = Truth.NEW) -> dict[int, float]:
+    """Return how far (m) least squares with the true poses misses each sign of a kind that a drive detected.
+
+    Keys are indices into `World.signs`.
+    """
     sensor = drive.header.sensors[0]
     seen = drive.sightings
-    errors = []
+    errors = {}
     for index in np.unique(seen.source[seen.source >= 0]).tolist():
         if world.signs[index].truth is truth:
             rows = seen.source == index
             place = place_by_least_squares(seen.camera[rows], seen.range[rows], seen.bearing[rows], sensor)
-            errors.append(np.linalg.norm(place - _truth(world, np.array([index]))[0]))
-    return np.array(errors, dtype=np.float64)
+            errors[index] = float(np.linalg.norm(place - _truth(world, np.array([index]))[0]))
+    return errors
 
 
 def _truth(world: World, source: NDArray[np.intp]) -> Array:

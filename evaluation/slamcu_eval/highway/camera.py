@@ -115,18 +115,24 @@ def film(
     return frames, looks
 
 
+def in_view(places: Array, eye: Array, axis: Array, p: CameraParameters) -> tuple[Indices, Indices, Array, Array]:
+    """Return which of N places (N, 2) are in the field of view and reach in which of T frames, hidden or not.
+
+    Parallel arrays, ordered by place and frame: index of the place, of the frame, true range (m) and bearing (rad).
+    """
+    delta = places[:, None, :] - eye[None, :, :]
+    distance = np.hypot(delta[..., 0], delta[..., 1])
+    place, frame = np.nonzero((distance <= p.max_range_m) & (distance >= p.min_range_m))
+    direction = np.arctan2(delta[place, frame, 1], delta[place, frame, 0])
+    bearing: Array = wrap_angle(direction - axis[frame])
+    seen = np.abs(bearing) <= np.deg2rad(p.fov_deg) / 2
+    place, frame = place[seen], frame[seen]
+    return place, frame, distance[place, frame], bearing[seen]
+
+
 def _film_signs(world: World, eye: Array, axis: Array, neighbours: Sequence[Neighbour], reel: _Film) -> Looks:
     p, rng = reel.p, reel.rng
-    delta = world.places[None, :, :] - eye[:, None, :]
-    distance = np.hypot(delta[..., 0], delta[..., 1])
-    close = (distance <= p.max_range_m) & (distance >= p.min_range_m)
-    frame, standing = np.nonzero(close)
-    r = distance[frame, standing]
-    bearing = wrap_angle(np.arctan2(delta[frame, standing, 1], delta[frame, standing, 0]) - axis[frame])
-    seen = np.abs(bearing) <= np.deg2rad(p.fov_deg) / 2
-    frame, standing, r, bearing = frame[seen], standing[seen], r[seen], bearing[seen]
-    order = np.lexsort((frame, standing))
-    frame, standing, r, bearing = frame[order], standing[order], r[order], bearing[order]
+    standing, frame, r, bearing = in_view(world.places, eye, axis, p)
     hidden = np.zeros(frame.size, bool)
     for neighbour in neighbours:
         hidden |= neighbour.hides(frame, eye[frame], world.places[standing])

@@ -20,7 +20,7 @@ from slamcu_core.drive import (
     Record,
     Sensor,
 )
-from slamcu_eval.highway.camera import CameraErrors, Looks, draw_camera_errors, film
+from slamcu_eval.highway.camera import CameraErrors, Looks, draw_camera_errors, film, in_view
 from slamcu_eval.highway.motion import MotionErrors, Trajectory, drive_along, measure_gnss, measure_odometry
 from slamcu_eval.highway.parameters import CameraParameters, HighwayParameters
 from slamcu_eval.highway.traffic import make_traffic, report_objects
@@ -65,6 +65,7 @@ class Drive:
     reference: Reference
     sightings: Sightings
     looks: Looks
+    in_view: NDArray[np.bool_]  # (S,) for each of World.signs whether its place ever was in view, hidden or not
     motion_errors: MotionErrors
     camera_errors: CameraErrors
 
@@ -104,6 +105,7 @@ def make_drive(world: World, seed: int, vehicle: int, parameters: HighwayParamet
         reference=_reference(path, world),
         sightings=_sightings(times, camera, frames),
         looks=looks,
+        in_view=_in_view(world, eye, axis, p.camera),
         motion_errors=motion_errors,
         camera_errors=camera_errors,
     )
@@ -146,6 +148,13 @@ def _in_order(
 def _reference(path: Trajectory, world: World) -> Reference:
     lon, lat = world.frame.to_geographic(path.xy)
     return Reference(path.t, lon, lat, world.compass(path.heading, lon))
+
+
+def _in_view(world: World, eye: Array, axis: Array, p: CameraParameters) -> NDArray[np.bool_]:
+    places = np.array([sign.place or sign.map_place for sign in world.signs], float)
+    seen = np.zeros(len(world.signs), bool)
+    seen[in_view(places, eye, axis, p)[0]] = True
+    return seen
 
 
 def _sightings(times: Array, camera: Array, frames: dict[int, list[tuple[Detection, int]]]) -> Sightings:
