@@ -10,7 +10,10 @@ down_revision = None
 branch_labels = None
 depends_on = None
 
-POINT = Geometry("POINT", srid=4326, spatial_index=False)
+
+def point() -> Geometry:
+    # A new one for each column: GeoAlchemy2 binds a type to the column that it is first used in.
+    return Geometry("POINT", srid=4326, spatial_index=False)
 
 
 def upgrade() -> None:
@@ -119,7 +122,7 @@ def upgrade() -> None:
         sa.Column("feature_class", sa.Text(), nullable=False),
         sa.Column("sign", sa.Text(), nullable=True),
         sa.Column("value", sa.Text(), nullable=True),
-        sa.Column("geom", POINT, nullable=False),
+        sa.Column("geom", point(), nullable=False),
         sa.Column("cov_xx", sa.Double(), nullable=False),
         sa.Column("cov_xy", sa.Double(), nullable=False),
         sa.Column("cov_yy", sa.Double(), nullable=False),
@@ -185,7 +188,7 @@ def upgrade() -> None:
         sa.Column("heading_deg", sa.Double(), nullable=True),
         sa.Column("existence_confidence", sa.Double(), nullable=False),
         sa.Column("position_std_m", sa.Double(), nullable=False),
-        sa.Column("geom", POINT, nullable=False),
+        sa.Column("geom", point(), nullable=False),
         sa.CheckConstraint(
             "to_sequence IS NULL OR to_sequence > from_sequence", name=op.f("ck_feature_versions_sequence_order")
         ),
@@ -213,7 +216,7 @@ def upgrade() -> None:
         sa.Column("candidate_id", sa.BigInteger(), nullable=True),
         sa.Column("revision", sa.Integer(), nullable=False),
         sa.Column("document", JSONB(), nullable=False),
-        sa.Column("geom", POINT, nullable=False),
+        sa.Column("geom", point(), nullable=False),
         sa.Column("salt", sa.LargeBinary(), nullable=False),
         sa.Column("evidence_left", sa.Boolean(), server_default=sa.text("false"), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), server_default=sa.text("now()"), nullable=False),
@@ -251,7 +254,7 @@ def upgrade() -> None:
         sa.Column("feature_id", sa.BigInteger(), nullable=True),
         sa.Column("watch_id", sa.BigInteger(), nullable=True),
         sa.Column("candidate_id", sa.BigInteger(), nullable=True),
-        sa.Column("geom", POINT, nullable=True),
+        sa.Column("geom", point(), nullable=True),
         sa.Column("cov_xx", sa.Double(), nullable=True),
         sa.Column("cov_xy", sa.Double(), nullable=True),
         sa.Column("cov_yy", sa.Double(), nullable=True),
@@ -294,7 +297,7 @@ def upgrade() -> None:
         sa.Column("kind", sa.Text(), nullable=False),
         sa.Column("state", sa.Text(), nullable=False),
         sa.Column("document", JSONB(), nullable=False),
-        sa.Column("geom", POINT, nullable=False),
+        sa.Column("geom", point(), nullable=False),
         sa.Column("created_at", sa.DateTime(timezone=True), server_default=sa.text("now()"), nullable=False),
         sa.ForeignKeyConstraint(
             ["change_id"], ["changes.id"], name=op.f("fk_change_entries_change_id"), ondelete="CASCADE"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 from alembic import command
@@ -42,6 +43,7 @@ def config(connection: Connection | None = None) -> Config:
     return configuration
 
 
+@cache
 def head() -> str:
     """Return the newest schema's revision."""
     revision = ScriptDirectory.from_config(config()).get_current_head()
@@ -60,11 +62,16 @@ async def current(connection: AsyncConnection) -> str | None:
 
 
 async def _migrate(engine: AsyncEngine, step: Callable[[Config], None]) -> None:
-    async with engine.begin() as connection:
-        # Whoever comes second waits here, without a timeout, and then finds nothing left to do.
-        await connection.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})
-        await connection.execute(text(f"SET LOCAL lock_timeout = '{_LOCK_TIMEOUT}'"))
-        await connection.run_sync(lambda sync: step(config(sync)))
+    try:
+        async with engine.begin() as connection:
+            # Whoever comes second waits here, without a timeout, and then finds nothing left to do.
+            await connection.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})
+            await connection.execute(text(f"SET LOCAL lock_timeout = '{_LOCK_TIMEOUT}'"))
+            await connection.run_sync(lambda sync: step(config(sync)))
+    except DBAPIError as error:
+        if error.connection_invalidated:
+            raise
+        raise MigrationError(f"the migration failed and changed nothing: {str(error.orig).splitlines()[0]}") from error
 
 
 async def upgrade(engine: AsyncEngine, revision: str = "head") -> None:
@@ -72,15 +79,14 @@ async def upgrade(engine: AsyncEngine, revision: str = "head") -> None:
 
     Raises MigrationError if a step fails, with nothing changed.
     """
-    try:
-        await _migrate(engine, lambda configuration: command.upgrade(configuration, revision))
-    except DBAPIError as error:
-        reason = str(error.orig).splitlines()[0].removeprefix("<class '").replace("'>", "")
-        raise MigrationError(f"the migration failed and changed nothing: {reason}") from error
+    await _migrate(engine, lambda configuration: command.upgrade(configuration, revision))
 
 
 async def downgrade(engine: AsyncEngine, revision: str) -> None:
-    """Take the database back to `revision` in one transaction; the tables' contents may be lost."""
+    """Take the database back to `revision` in one transaction; the tables' contents may be lost.
+
+    Raises MigrationError if a step fails, with nothing changed.
+    """
     await _migrate(engine, lambda configuration: command.downgrade(configuration, revision))
 
 

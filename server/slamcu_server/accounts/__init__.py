@@ -1,0 +1,1 @@
+"""Accounts and their keys: who may report, read and decide."""

@@ -1,0 +1,101 @@
+"""Issue, rotate, revoke and check keys."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections import OrderedDict
+from datetime import UTC, datetime, timedelta
+
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
+
+from slamcu_core.errors import SlamcuError
+from slamcu_server.accounts import keys, repository
+from slamcu_server.accounts.schemas import IssuedKey, Principal, Role, StoredKey
+
+CACHE_SECONDS = 5.0  # how long a revoked key may go on working
+_CACHE_SIZE = 10_000
+_LABEL_MAX = 200
+
+
+class AccountError(SlamcuError):
+    """An account or key cannot be made, found or changed as asked."""
+
+
+async def create_account(connection: AsyncConnection, role: Role, label: str | None = None) -> IssuedKey:
+    """Make an account with its first key. Raises AccountError if the label is taken or cannot be used."""
+    label = f"{role.value}-{secrets.token_hex(4)}" if label is None else label.strip()
+    if not 0 < len(label) <= _LABEL_MAX or not label.isprintable():
+        raise AccountError(f"a label has 1 to {_LABEL_MAX} printable characters")
+    try:
+        async with connection.begin_nested():
+            account_id = await repository.add_account(connection, role, label)
+    except IntegrityError:
+        raise AccountError(f"there is an account {label!r} already: --account {label} gives it another key") from None
+    return await _issue(connection, account_id, role, label)
+
+
+async def add_key(connection: AsyncConnection, label: str) -> IssuedKey:
+    """Give an existing account another key. Raises AccountError if there is no such account."""
+    found = await repository.find_account(connection, label)
+    if found is None:
+        raise AccountError(f"there is no account {label!r}")
+    return await _issue(connection, *found, label)
+
+
+async def rotate_key(connection: AsyncConnection, key_id: str, grace: timedelta) -> IssuedKey:
+    """Give a key's account a new key; the old one works for `grace` more. Raises AccountError if it is not valid."""
+    stored = await repository.find_key(connection, key_id)
+    now = datetime.now(UTC)
+    if stored is None or not stored.valid_at(now):
+        raise AccountError(f"there is no valid key {key_id!r}")
+    await repository.end_key(connection, key_id, now + grace)
+    holder = stored.principal
+    return await _issue(connection, holder.account_id, holder.role, holder.label)
+
+
+async def revoke_key(connection: AsyncConnection, key_id: str) -> None:
+    """Revoke a key for good; its account and what it reported stay. Raises AccountError if there is no such key."""
+    if not await repository.revoke_key(connection, key_id):
+        raise AccountError(f"there is no key {key_id!r}; list-keys shows their ids")
+
+
+async def _issue(connection: AsyncConnection, account_id: int, role: Role, label: str) -> IssuedKey:
+    key, key_id, secret_sha256 = keys.generate()
+    await repository.add_key(connection, account_id, key_id, secret_sha256, None)
+    return IssuedKey(key, key_id, role, label)
+
+
+class Authenticator:
+    """Tell whose key it is, asking the database at most every `CACHE_SECONDS` per key."""
+
+    def __init__(self, engine: AsyncEngine) -> None:
+        self._engine = engine
+        self._cache: OrderedDict[str, tuple[float, StoredKey]] = OrderedDict()
+
+    async def authenticate(self, key: str) -> Principal | None:
+        """Return who holds `key`; None if it is unknown, wrong, expired or revoked."""
+        parsed = keys.parse(key)
+        if parsed is None:
+            return None
+        key_id, secret = parsed
+        stored = await self._find(key_id)
+        if stored is None or not keys.matches(secret, stored.secret_sha256) or not stored.valid_at(datetime.now(UTC)):
+            return None
+        return stored.principal
+
+    async def _find(self, key_id: str) -> StoredKey | None:
+        fresh_from = time.monotonic() - CACHE_SECONDS
+        if (cached := self._cache.get(key_id)) and cached[0] > fresh_from:
+            return cached[1]
+        async with self._engine.connect() as connection:
+            stored = await repository.find_key(connection, key_id)
+        if stored is None:
+            self._cache.pop(key_id, None)
+        else:
+            self._cache[key_id] = (time.monotonic(), stored)
+            self._cache.move_to_end(key_id)
+            while len(self._cache) > _CACHE_SIZE:
+                self._cache.popitem(last=False)
+        return stored

@@ -1,0 +1,128 @@
+"""Run the application, or the worker alone, until a signal ends it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import signal
+import socket
+import sys
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+
+from slamcu_core.errors import SlamcuError
+from slamcu_server.app import create_app
+from slamcu_server.runtime import WorkerSupervisor, open_database
+from slamcu_server.settings import Settings
+
+_WORKER_GRACE_S = 5.0
+
+
+class ServeError(SlamcuError):
+    """The server cannot listen where it should."""
+
+
+class _Server(uvicorn.Server):
+    """A uvicorn server that tells when it listens, and leaves the signals to us."""
+
+    def __init__(self, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self.listening = asyncio.Event()
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        self.listening.set()
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield  # uvicorn raises them again when it is done, which would end us before the database is closed
+
+
+def configure_logging(level: str) -> None:
+    """Send the log to standard error."""
+    form = "%(asctime)s %(levelname)s %(name)s: %(message)s"
+    logging.basicConfig(level=level.upper(), stream=sys.stderr, format=form)
+    for chatty in ("alembic", "asyncio"):
+        logging.getLogger(chatty).setLevel(logging.WARNING)
+
+
+async def serve(settings: Settings, *, ready: Callable[[str], None]) -> None:
+    """Serve the API until SIGTERM or SIGINT, calling `ready` with its URL; raises SlamcuError if it cannot start."""
+    async with contextlib.AsyncExitStack() as stack:
+        stop = await stack.enter_async_context(_stop_signal())
+        listener = stack.enter_context(_listener(settings.host, settings.port))
+        engine = await stack.enter_async_context(open_database(settings, application_name="slamcu-server"))
+        config = uvicorn.Config(
+            create_app(settings, engine=engine),
+            log_config=None,
+            access_log=False,  # the middleware has one, without secrets
+            server_header=False,
+            lifespan="on",
+            timeout_graceful_shutdown=max(1, round(settings.shutdown_grace_s)),
+        )
+        server = _Server(config)
+        serving = asyncio.create_task(server.serve(sockets=[listener]))
+        if await _first(serving, server.listening.wait()):
+            ready(_url(settings.host, listener))
+            await _first(serving, stop.wait())
+            server.should_exit = True
+        await serving
+
+
+async def work(settings: Settings, *, ready: Callable[[], None]) -> None:
+    """Aggregate reports until SIGTERM or SIGINT; raises SlamcuError if it cannot start."""
+    async with _stop_signal() as stop, open_database(settings, application_name="slamcu-worker") as engine:
+        from slamcu_server.aggregation.worker import run_worker  # noqa: PLC0415
+
+        supervisor = WorkerSupervisor(lambda asked: run_worker(engine, settings, asked))
+        supervisor.start()
+        ready()
+        await stop.wait()
+        await supervisor.stop(_WORKER_GRACE_S)
+
+
+def write_ready_file(path: Path, url: str) -> None:
+    """Write the URL to a file that appears whole."""
+    unfinished = path.with_name(path.name + ".new")
+    unfinished.write_text(url + "\n")
+    unfinished.replace(path)
+
+
+@contextlib.asynccontextmanager
+async def _stop_signal() -> AsyncIterator[asyncio.Event]:
+    """Give an event that SIGTERM or SIGINT sets."""
+    loop, stop = asyncio.get_running_loop(), asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stop.set)
+    try:
+        yield stop
+    finally:
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.remove_signal_handler(number)
+
+
+async def _first(serving: asyncio.Task[None], event: Coroutine[Any, Any, Any]) -> bool:
+    """Wait for an event or the end of the server; return whether it was the event."""
+    waiting = asyncio.create_task(event)
+    await asyncio.wait({serving, waiting}, return_when=asyncio.FIRST_COMPLETED)
+    happened = waiting.done()
+    waiting.cancel()
+    return happened
+
+
+def _listener(host: str, port: int) -> socket.socket:
+    """Take the port before anything is started, so that a port in use costs nothing."""
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((host, port), family=family, backlog=2048)
+    except OSError as error:
+        raise ServeError(f"cannot listen on {host} port {port}: {error.strerror or error}") from error
+
+
+def _url(host: str, listener: socket.socket) -> str:
+    name = f"[{host}]" if listener.family == socket.AF_INET6 else host
+    return f"http://{name}:{listener.getsockname()[1]}"

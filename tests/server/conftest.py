@@ -1,0 +1,231 @@
+"""A real PostGIS for every test of the server: one private cluster a session, one fresh database a test."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from uuid import uuid4
+
+import asyncpg
+import httpx
+import pytest
+from fastapi import FastAPI
+from slamcu_server.accounts.schemas import IssuedKey, Role
+from slamcu_server.accounts.service import create_account
+from slamcu_server.app import create_app
+from slamcu_server.database import migrate
+from slamcu_server.database.embedded import EmbeddedCluster
+from slamcu_server.database.engine import create_engine
+from slamcu_server.settings import Settings
+from sqlalchemy.ext.asyncio import AsyncEngine
+
+_TEMPLATE = "slamcu_template"
+_COMMAND = (sys.executable, "-m", "slamcu_server.cli")
+IssueKey = Callable[..., Awaitable[IssuedKey]]
+
+
+@pytest.fixture(scope="session")
+def anyio_backend() -> str:
+    return "asyncio"
+
+
+@pytest.fixture(scope="session")
+def short_dir() -> Iterator[Path]:
+    """A directory whose path is short enough for sockets and which other users may be let into."""
+    directory = Path(tempfile.mkdtemp(prefix="slamcu-test-"))
+    directory.chmod(0o711)
+    yield directory
+    shutil.rmtree(directory)
+
+
+@pytest.fixture(scope="session")
+def cluster(short_dir: Path) -> Iterator[EmbeddedCluster]:
+    with EmbeddedCluster(short_dir / "session") as running:
+        yield running
+
+
+async def _administer(cluster: EmbeddedCluster, *statements: str) -> None:
+    connection = await asyncpg.connect(cluster.url_of("postgres").replace("+asyncpg", ""))
+    try:
+        for statement in statements:
+            await connection.execute(statement)
+    finally:
+        await connection.close()
+
+
+@pytest.fixture(scope="session")
+def template(cluster: EmbeddedCluster) -> str:
+    """A database made by running the migrations, to be copied."""
+
+    async def make() -> None:
+        await _administer(cluster, f"CREATE DATABASE {_TEMPLATE}")
+        engine = create_engine(cluster.url_of(_TEMPLATE))
+        await migrate.upgrade(engine)
+        await engine.dispose()
+
+    asyncio.run(make())
+    return _TEMPLATE
+
+
+@pytest.fixture
+def database_url(cluster: EmbeddedCluster, template: str) -> Iterator[str]:
+    """The SQLAlchemy URL of an empty database of the newest schema."""
+    name = f"test_{uuid4().hex}"
+    asyncio.run(_administer(cluster, f"CREATE DATABASE {name} TEMPLATE {template}"))
+    yield cluster.url_of(name)
+    asyncio.run(_administer(cluster, f"DROP DATABASE {name} WITH (FORCE)"))
+
+
+@pytest.fixture
+async def engine(database_url: str) -> AsyncIterator[AsyncEngine]:
+    engine = create_engine(database_url, application_name="slamcu-test")
+    yield engine
+    await engine.dispose()
+
+
+@pytest.fixture
+def settings(database_url: str) -> Settings:
+    """Settings on the test's database, without a worker: tests call what they want aggregated."""
+    return Settings(database_url=database_url, embedded_worker=False)
+
+
+@pytest.fixture
+async def app(settings: Settings, engine: AsyncEngine) -> AsyncIterator[FastAPI]:
+    app = create_app(settings, engine=engine)
+    async with app.router.lifespan_context(app):
+        yield app
+
+
+@pytest.fixture
+async def client(app: FastAPI) -> AsyncIterator[httpx.AsyncClient]:
+    """A client of the application without a key; pass `headers=auth(key)`."""
+    transport = httpx.ASGITransport(app, raise_app_exceptions=False)
+    async with httpx.AsyncClient(transport=transport, base_url="http://slamcu.test") as client:
+        yield client
+
+
+@pytest.fixture
+def issue_key(engine: AsyncEngine) -> IssueKey:
+    """`await issue_key("vehicle", label=None)`: a new account and its key."""
+
+    async def issue(role: str, label: str | None = None) -> IssuedKey:
+        async with engine.begin() as connection:
+            return await create_account(connection, Role(role), label)
+
+    return issue
+
+
+@pytest.fixture
+async def vehicle(issue_key: IssueKey) -> dict[str, str]:
+    """The headers of a vehicle."""
+    return _auth(await issue_key("vehicle", "vehicle"))
+
+
+@pytest.fixture
+async def provider(issue_key: IssueKey) -> dict[str, str]:
+    """The headers of a map provider."""
+    return _auth(await issue_key("provider", "provider"))
+
+
+@pytest.fixture
+def auth() -> Callable[[IssuedKey], dict[str, str]]:
+    """`auth(key)`: the headers of the key's holder."""
+    return _auth
+
+
+def _auth(key: IssuedKey) -> dict[str, str]:
+    return {"Authorization": f"Bearer {key.key}"}
+
+
+@dataclass
+class ServerProcess:
+    """A real `slamcu-server` process on a real port."""
+
+    environment: dict[str, str]
+    directory: Path
+    arguments: tuple[str, ...] = ()
+    url: str = ""
+    process: subprocess.Popen[bytes] | None = None
+    log: Path = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.log = self.directory / "server.log"
+
+    def start(self) -> None:
+        ready = self.directory / "ready"
+        ready.unlink(missing_ok=True)
+        with self.log.open("ab") as log:
+            self.process = subprocess.Popen(
+                [*_COMMAND, "serve", "--port", "0", "--ready-file", str(ready), *self.arguments],
+                env=self.environment,
+                stdout=log,
+                stderr=log,
+            )
+        deadline = time.monotonic() + 60
+        while not ready.exists():
+            assert self.process.poll() is None, self.log.read_text()
+            assert time.monotonic() < deadline, self.log.read_text()
+            time.sleep(0.02)
+        self.url = ready.read_text().strip()
+
+    def kill(self) -> None:
+        """End the process as a power cut would."""
+        assert self.process is not None
+        self.process.kill()
+        self.process.wait()
+
+    def stop(self) -> int:
+        """Ask the process to end, and return its exit status."""
+        assert self.process is not None
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+        return self.process.wait(timeout=30)
+
+
+@pytest.fixture
+def server_environment(database_url: str) -> dict[str, str]:
+    """The environment of a command on the test's database."""
+    clean = {name: value for name, value in os.environ.items() if not name.startswith(("SLAMCU_", "PG"))}
+    return clean | {"SLAMCU_DATABASE_URL": database_url}
+
+
+@pytest.fixture
+def command(server_environment: dict[str, str]) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """`command("list-keys")`: run slamcu-server on the test's database and return what it said."""
+
+    def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [*_COMMAND, *arguments],
+            env=server_environment | environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=120,
+        )
+
+    return run
+
+
+@pytest.fixture
+def server_process(server_environment: dict[str, str], tmp_path: Path) -> Iterator[ServerProcess]:
+    """A server on the test's database, not started yet; it may be killed and started again."""
+    server = ServerProcess(server_environment, tmp_path)
+    yield server
+    if server.process is not None:
+        server.stop()
+
+
+@pytest.fixture
+def live_server(server_process: ServerProcess) -> ServerProcess:
+    """A server that listens; `live_server.url` is where."""
+    server_process.start()
+    return server_process

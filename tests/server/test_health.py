@@ -1,0 +1,26 @@
+"""Whether the server lives and can serve, and what every answer carries."""
+
+from __future__ import annotations
+
+import httpx
+import pytest
+from slamcu_server.database import migrate
+from sqlalchemy import text
+from sqlalchemy.ext.asyncio import AsyncEngine
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_alive_and_ready(client: httpx.AsyncClient) -> None:
+    assert (await client.get("/livez")).json() == {"status": "alive"}
+    assert (await client.get("/readyz")).json() == {"status": "ready"}
+
+
+async def test_not_ready_on_another_schema(client: httpx.AsyncClient, engine: AsyncEngine) -> None:
+    async with engine.begin() as connection:
+        await connection.execute(text("UPDATE alembic_version SET version_num = 'other'"))
+    answer = await client.get("/readyz")
+    assert answer.status_code == 503
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert migrate.head() in answer.json()["detail"]
+    assert (await client.get("/livez")).status_code == 200

@@ -1,0 +1,107 @@
+"""The migrations make exactly the tables that the code knows, forwards and backwards, by however many at once."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+from collections.abc import Callable
+
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from geoalchemy2 import alembic_helpers
+from slamcu_server.database import migrate
+from slamcu_server.database.engine import create_engine
+from slamcu_server.database.tables import metadata
+from sqlalchemy import CheckConstraint, Connection, inspect, text
+from sqlalchemy.ext.asyncio import AsyncEngine
+
+from slamcu_core.errors import SlamcuError
+
+pytestmark = pytest.mark.anyio
+
+
+def _differences(connection: Connection) -> list[object]:
+    def include(obj: object, name: str | None, kind: str, reflected: bool, compare_to: object) -> bool:
+        if kind == "table" and reflected and name not in metadata.tables:
+            return name not in {"spatial_ref_sys", "alembic_version"}
+        return bool(alembic_helpers.include_object(obj, name, kind, reflected, compare_to))
+
+    options = {"compare_type": True, "compare_server_default": True, "include_object": include}
+    return list(compare_metadata(MigrationContext.configure(connection, opts=options), metadata))
+
+
+def _check_constraints(connection: Connection) -> set[str]:
+    query = """
+        SELECT conname FROM pg_constraint JOIN pg_class ON pg_class.oid = conrelid
+        WHERE contype = 'c' AND relname = ANY(:names)
+    """
+    return set(connection.execute(text(query), {"names": list(metadata.tables)}).scalars())
+
+
+async def test_the_migrations_make_the_tables_of_the_code(engine: AsyncEngine) -> None:
+    async with engine.connect() as connection:
+        assert await connection.run_sync(_differences) == []
+        # What alembic does not compare: check constraints.
+        expected = {
+            str(constraint.name)
+            for table in metadata.tables.values()
+            for constraint in table.constraints
+            if isinstance(constraint, CheckConstraint)
+        }
+        assert await connection.run_sync(_check_constraints) == expected
+
+
+async def test_a_difference_would_be_found(engine: AsyncEngine) -> None:
+    async with engine.begin() as connection:
+        await connection.execute(text("ALTER TABLE changes ADD COLUMN forgotten text"))
+        await connection.execute(text("DROP INDEX ix_passes_watch"))
+        assert len(await connection.run_sync(_differences)) == 2
+
+
+async def test_down_and_up_again(engine: AsyncEngine) -> None:
+    await migrate.downgrade(engine, "base")
+    async with engine.connect() as connection:
+        left = await connection.run_sync(lambda sync: set(inspect(sync).get_table_names()))
+        assert left <= {"spatial_ref_sys", "alembic_version"}
+        assert await migrate.current(connection) is None
+    with pytest.raises(SlamcuError, match="run slamcu-server migrate"):
+        await migrate.require_head(engine)
+    await migrate.upgrade(engine)
+    await migrate.require_head(engine)
+    async with engine.connect() as connection:
+        assert await connection.run_sync(_differences) == []
+        assert await migrate.current(connection) == migrate.head()
+
+
+async def test_many_may_migrate_at_once(engine: AsyncEngine, database_url: str) -> None:
+    await migrate.downgrade(engine, "base")
+    engines = [create_engine(database_url) for _ in range(4)]
+    await asyncio.gather(*(migrate.upgrade(one) for one in engines))
+    for one in engines:
+        await one.dispose()
+    await migrate.require_head(engine)
+
+
+async def test_a_table_in_use_is_not_waited_for_forever(engine: AsyncEngine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(migrate, "_LOCK_TIMEOUT", "50ms")
+    async with engine.begin() as reader:
+        await reader.execute(text("SELECT count(*) FROM accounts"))
+        with pytest.raises(SlamcuError, match=r"changed nothing: .*lock timeout"):
+            await migrate.downgrade(engine, "base")
+    await migrate.require_head(engine)
+
+
+def test_the_command_migrates_an_empty_database(
+    command: Callable[..., subprocess.CompletedProcess[str]], database_url: str
+) -> None:
+    async def empty() -> None:
+        engine = create_engine(database_url)
+        await migrate.downgrade(engine, "base")
+        await engine.dispose()
+
+    asyncio.run(empty())
+    for _ in range(2):  # the second finds nothing to do
+        done = command("migrate")
+        assert done.returncode == 0, done.stderr
+        assert migrate.head() in done.stderr
