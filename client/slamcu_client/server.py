@@ -1,0 +1,113 @@
+"""A server and the key to it: addresses, headers, and what its refusals mean."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Self
+from urllib.parse import urlencode, urlsplit
+
+from slamcu_client.errors import AnswerError, AuthenticationError, ConnectionSettingsError
+from slamcu_client.transport import HttpxTransport, Request, Response, Transport
+from slamcu_client.version import SOFTWARE_VERSION
+
+_PROBLEM = "application/problem+json"
+_TEXT_LIMIT = 300
+
+
+class Server:
+    """A slamcu server as one vehicle sees it: an address and that vehicle's API key.
+
+    ::
+
+        with Server("https://slamcu.example", api_key) as server:
+            Uploader(outbox, server).flush(timeout_s=60)
+
+    Parameters
+    ----------
+    url : address of the server, http or https, with a path prefix if it has one.
+    api_key : the vehicle's key.
+    transport : what carries the requests; httpx unless something else is given.
+
+    Raises ConnectionSettingsError for an address or key of the wrong form.
+    """
+
+    def __init__(self, url: str, api_key: str, transport: Transport | None = None) -> None:
+        parts = urlsplit(url)
+        if parts.scheme not in {"http", "https"} or not parts.hostname or parts.query or parts.fragment:
+            raise ConnectionSettingsError(f"a server's address looks like https://host[:port], not {url!r}")
+        if parts.username is not None:
+            raise ConnectionSettingsError("a server's address must not carry a user name or password")
+        if not api_key or not api_key.isascii() or not api_key.isprintable() or " " in api_key:
+            raise ConnectionSettingsError("an API key is one word of visible ASCII characters")
+        self.url = url.rstrip("/")
+        self._api_key = api_key
+        self._transport = HttpxTransport() if transport is None else transport
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._transport.close()
+
+    def exchange(
+        self,
+        method: str,
+        path: str,
+        *,
+        query: Mapping[str, str] | str = "",
+        headers: Mapping[str, str] | None = None,
+        content: bytes = b"",
+    ) -> tuple[Request, Response]:
+        """Send one request and return it with its answer, whatever the status.
+
+        Raises TransportError if no whole answer came.
+        """
+        query = query if isinstance(query, str) else urlencode(query)
+        request = Request(
+            method,
+            f"{self.url}{path}" + (f"?{query}" if query else ""),
+            {"Authorization": f"Bearer {self._api_key}", "User-Agent": SOFTWARE_VERSION, **(headers or {})},
+            content,
+        )
+        return request, self._transport.send(request)
+
+
+def is_problem(response: Response) -> bool:
+    """Tell whether an answer is a problem document (RFC 9457), so that it comes from the server and no middleman."""
+    return response.headers.get("content-type", "").split(";")[0].strip().lower() == _PROBLEM
+
+
+def describe(response: Response) -> str:
+    """Say in one line what the server objects to."""
+    text = ""
+    if is_problem(response):
+        try:
+            document = json.loads(response.content)
+        except ValueError:
+            document = None
+        if isinstance(document, dict):
+            text = ": ".join(str(document[name]) for name in ("title", "detail") if document.get(name))
+    # one line: the server's words must not be able to forge others in a log
+    text = " ".join(text.split())[:_TEXT_LIMIT]
+    return f"the server answered {response.status}" + (f", {text}" if text else "")
+
+
+def refuse_unauthorized(request: Request, response: Response) -> None:
+    """Raise AuthenticationError if the server answered 401 or 403."""
+    if response.status == 401:
+        raise AuthenticationError(f"the API key is not accepted ({describe(response)})", request, response)
+    if response.status == 403:
+        raise AuthenticationError(f"the API key may not do this ({describe(response)})", request, response)
+
+
+def unexpected(request: Request, response: Response) -> AnswerError:
+    """Return the error for an answer that is none of those hoped for."""
+    return AnswerError(describe(response), request, response)

@@ -1,0 +1,218 @@
+"""The uploader: carries messages from the outbox to the server until each is acknowledged."""
+
+from __future__ import annotations
+
+import gzip
+import logging
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+
+import numpy as np
+
+from slamcu_client.errors import ClientError, TransportError
+from slamcu_client.outbox import Outbox, OutboxMessage
+from slamcu_client.receipt import Receipt, read_receipt
+from slamcu_client.retry import Failure, RetryDecision, RetryPolicy, retry_decision
+from slamcu_client.server import Server, describe, is_problem, refuse_unauthorized, unexpected
+from slamcu_client.transport import Request, Response
+from slamcu_core.sensoris import join_batch
+
+_PATH = "/v1/data-messages"
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class UploadPolicy:
+    """How large batches are and how patient the uploader is."""
+
+    max_messages: int = 100  # per request
+    max_bytes: int = 512 * 1024  # per request, before compression
+    idle_s: float = 2.0  # how often an empty outbox is looked at
+    failures_before_put_off: int = 3  # 500s over one message before others go first
+    retry: RetryPolicy = field(default_factory=RetryPolicy)
+
+
+@dataclass(frozen=True, slots=True)
+class UploadResult:
+    """What a `flush` achieved."""
+
+    accepted: int = 0
+    duplicates: int = 0  # the server had them already: an answer was lost on the way
+    rejected: int = 0
+    remaining: int = 0  # still in the outbox
+
+
+class Uploader:
+    """Send what waits in an outbox, in batches, until the server has taken it.
+
+    Nothing is lost: a message leaves the outbox only when the server has named it accepted, duplicate or rejected.
+    Nothing is doubled: a message that may have arrived is sent again as the same bytes under the same ids, and the
+    server knows it. A message that the server rejects does not hold up the others.
+
+    ::
+
+        uploader = Uploader(outbox, Server("https://slamcu.example", api_key))
+        uploader.flush(timeout_s=60)           # blocks until the outbox is empty or the time is up
+        with uploader.in_background():         # or beside the drive
+            ...
+
+    Parameters
+    ----------
+    outbox : where the messages wait.
+    server : where they go.
+    policy : sizes and patience.
+    rng : the source of the jitter in waits.
+    """
+
+    def __init__(
+        self,
+        outbox: Outbox,
+        server: Server,
+        policy: UploadPolicy = UploadPolicy(),
+        *,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        self._outbox, self._server, self._policy = outbox, server, policy
+        self._rng = np.random.default_rng() if rng is None else rng
+        self._batch_limit = policy.max_messages
+        self._failures = 0  # in a row
+        self._server_errors = 0  # 500s in a row over one and the same message
+        self._accepted = self._duplicates = self._rejected = 0
+        self._one_at_a_time = threading.Lock()
+
+    @property
+    def result(self) -> UploadResult:
+        """What this uploader has achieved since it was made."""
+        return UploadResult(self._accepted, self._duplicates, self._rejected, self._outbox.stats().pending)
+
+    def run(self, stop: threading.Event) -> None:
+        """Upload until `stop` is set.
+
+        Raises AuthenticationError or another AnswerError if the server refuses the vehicle or the address is wrong,
+        OutboxError if the disk fails. What waits stays in the outbox.
+        """
+        while not stop.is_set():
+            wait_s = self._step()
+            if wait_s is None:
+                wait_s = self._policy.idle_s
+            if wait_s:
+                stop.wait(wait_s)
+
+    def flush(self, timeout_s: float) -> UploadResult:
+        """Upload until the outbox is empty, or until the next attempt would be due after `timeout_s`.
+
+        An exchange under way is not cut short, so this may take somewhat longer.
+
+        Raises as `run` does.
+        """
+        deadline = time.monotonic() + timeout_s
+        while (wait_s := self._step()) is not None:
+            if time.monotonic() + wait_s >= deadline:
+                break
+            time.sleep(wait_s)
+        return self.result
+
+    @contextmanager
+    def in_background(self) -> Iterator[None]:
+        """Upload in a thread while the block runs, and raise at its end what stopped the thread before."""
+        stop = threading.Event()
+        errors: list[ClientError] = []
+
+        def work() -> None:
+            try:
+                self.run(stop)
+            except ClientError as error:
+                _log.error("the upload has stopped: %s", error)
+                errors.append(error)
+
+        thread = threading.Thread(target=work, name="slamcu-uploader", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join()
+        if errors:
+            raise errors[0]
+
+    # --- one batch --------------------------------------------------------------------------------------------------
+
+    def _step(self) -> float | None:
+        """Send one batch; return the seconds to wait before the next, or None if there is nothing to send."""
+        with self._one_at_a_time:
+            batch = self._outbox.pending(self._batch_limit, self._policy.max_bytes)
+            if not batch:
+                return None
+            self._outbox.attempt(message.key for message in batch)
+            try:
+                request, response = self._server.exchange(
+                    "POST",
+                    _PATH,
+                    headers={
+                        "Content-Type": "application/x-protobuf",
+                        "Content-Encoding": "gzip",
+                        "Accept": "application/json",
+                    },
+                    content=gzip.compress(join_batch([message.body for message in batch]), 6, mtime=0),
+                )
+            except TransportError as error:
+                _log.info("%s", error)
+                return self._decide(Failure(fault=error.fault)).wait_s
+            receipt = read_receipt(response, len(batch))
+            if receipt is not None:
+                self._settle(batch, receipt)
+                return 0.0
+            return self._refused(batch, request, response)
+
+    def _settle(self, batch: list[OutboxMessage], receipt: Receipt) -> None:
+        bad = {index for index, _, _ in receipt.rejected}
+        self._outbox.settle(
+            [message.key for index, message in enumerate(batch) if index not in bad],
+            [(batch[index].key, reason, detail) for index, reason, detail in receipt.rejected],
+        )
+        for index, reason, detail in receipt.rejected:
+            _log.warning("the server rejected message %s: %s %s", batch[index].key, reason, detail)
+        self._accepted += receipt.accepted
+        self._duplicates += receipt.duplicates
+        self._rejected += len(receipt.rejected)
+        self._failures = self._server_errors = 0
+        # grow slowly: twice the size would run into the same 413 again and again
+        self._batch_limit = min(self._batch_limit + self._batch_limit // 8 + 1, self._policy.max_messages)
+
+    def _refused(self, batch: list[OutboxMessage], request: Request, response: Response) -> float:
+        """Act on an answer that settles nothing; return the seconds to wait."""
+        refuse_unauthorized(request, response)
+        _log.info("%s %s: %s", request.method, request.url, describe(response))
+        # 413: too much at once. 400, 422: one bad message spoils the batch; only the server itself can say that of a
+        # message, not some proxy in between.
+        if response.status == 413 or (response.status in {400, 422} and is_problem(response)):
+            if len(batch) > 1:
+                self._batch_limit = len(batch) // 2
+            else:
+                reason = "too-large" if response.status == 413 else "refused"
+                self._settle(batch, Receipt(0, 0, ((0, reason, describe(response)),)))
+            return 0.0
+        if response.status == 500:
+            self._isolate(batch)
+        decision = self._decide(Failure(status=response.status, retry_after=response.headers.get("retry-after")))
+        if not decision.retriable:
+            raise unexpected(request, response)
+        return decision.wait_s
+
+    def _isolate(self, batch: list[OutboxMessage]) -> None:
+        """Close in on the one message that the server may be failing over, and let the others go before it."""
+        if len(batch) > 1:
+            self._batch_limit = len(batch) // 2
+            return
+        self._server_errors += 1
+        if self._server_errors >= self._policy.failures_before_put_off:
+            self._outbox.put_off(batch[0].key)
+            self._server_errors = 0
+
+    def _decide(self, failure: Failure) -> RetryDecision:
+        self._failures += 1
+        return retry_decision(failure, self._failures, rng=self._rng, now=datetime.now(UTC), policy=self._policy.retry)

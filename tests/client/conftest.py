@@ -1,0 +1,198 @@
+"""A map server in a thread: real sockets, real HTTP, and faults on demand."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+from urllib.parse import parse_qsl, urlsplit
+
+import pytest
+from slamcu_client import Server
+
+from slamcu_core.sensoris.proto.data_pb2 import DataMessage
+from slamcu_core.sensoris.wire import fields
+
+KEY = "vk_test.0123456789abcdef"
+
+
+@dataclass
+class Answer:
+    """What the server says; `cut` bytes of it are kept back and the connection is closed instead."""
+
+    status: int
+    document: Any = None
+    headers: dict[str, str] = field(default_factory=dict)
+    cut: int = 0
+
+    def encode(self) -> bytes:
+        return self.document if isinstance(self.document, bytes) else json.dumps(self.document).encode()
+
+
+Fault = Callable[["FakeServer", "list[bytes]"], "Answer | None"]
+"""Called with the bodies of a batch instead of the store; None: hang up without a word."""
+
+
+def problem(status: int, title: str = "Nothing doing", **headers: str) -> Answer:
+    return Answer(status, {"title": title, "status": status}, {"Content-Type": "application/problem+json", **headers})
+
+
+def hang_up(_server: FakeServer, _bodies: list[bytes]) -> None:
+    """Break off before anything is stored."""
+
+
+def store_and_hang_up(server: FakeServer, bodies: list[bytes]) -> None:
+    """Break off when all is stored: the client cannot know."""
+    server.store(bodies)
+
+
+def store_and_break_off(server: FakeServer, bodies: list[bytes]) -> Answer:
+    """Break off in the middle of the answer."""
+    answer = server.store(bodies)
+    answer.cut = 5
+    return answer
+
+
+def say(answer: Answer) -> Fault:
+    return lambda _server, _bodies: answer
+
+
+class FakeServer(ThreadingHTTPServer):
+    """Keeps messages by (session, message id) as the real one does, unless a fault is due."""
+
+    daemon_threads = True
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), _Handler)
+        self.lock = threading.RLock()
+        self.faults: deque[Fault] = deque()
+        self.poison: Callable[[bytes], Answer | tuple[str, str] | None] = lambda _body: None
+        self.stored: dict[tuple[str, int], bytes] = {}
+        self.batches: list[list[tuple[str, int]]] = []
+        self.headers_seen: list[dict[str, str]] = []
+        self.duplicates = 0
+        self.max_batch = 10_000
+        self.pages: Callable[[dict[str, str], dict[str, str]], Answer] = lambda _query, _headers: problem(404)
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server_port}"
+
+    def store(self, bodies: list[bytes]) -> Answer:
+        accepted = duplicates = 0
+        rejected = []
+        for index, (key, body) in enumerate(zip(map(ids_of, bodies), bodies, strict=True)):
+            verdict = self.poison(body)
+            if isinstance(verdict, Answer):
+                return verdict
+            if verdict is not None:
+                rejected.append({"index": index, "reason": verdict[0], "detail": verdict[1]})
+            elif key not in self.stored:
+                self.stored[key] = body
+                accepted += 1
+            elif self.stored[key] == body:
+                duplicates += 1
+            else:
+                rejected.append({"index": index, "reason": "ids-reused", "detail": "the same ids, other bytes"})
+        self.duplicates += duplicates
+        return Answer(202, {"accepted": accepted, "duplicates": duplicates, "rejected": rejected})
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: FakeServer
+    protocol_version = "HTTP/1.1"
+    timeout = 10
+    disable_nagle_algorithm = True
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - the name of the method that this overrides
+        """Stay silent."""
+
+    def do_POST(self) -> None:
+        raw = self.rfile.read(int(self.headers["Content-Length"]))
+        assert self.headers["Content-Encoding"] == "gzip"
+        assert self.headers["Content-Type"] == "application/x-protobuf"
+        bodies = split(gzip.decompress(raw))
+        server = self.server
+        with server.lock:
+            server.headers_seen.append(dict(self.headers))
+            server.batches.append([ids_of(body) for body in bodies])
+            if self.headers["Authorization"] != f"Bearer {KEY}":
+                return self._say(problem(401, "Unknown key"))
+            if server.faults:
+                return self._say(server.faults.popleft()(server, bodies))
+            if len(bodies) > server.max_batch:
+                return self._say(problem(413))
+            return self._say(server.store(bodies))
+
+    def do_GET(self) -> None:
+        url = urlsplit(self.path)
+        with self.server.lock:
+            self.server.headers_seen.append(dict(self.headers))
+            if self.headers["Authorization"] != f"Bearer {KEY}":
+                return self._say(problem(401, "Unknown key"))
+            query = dict(parse_qsl(url.query)) | {"path": url.path}
+            return self._say(self.server.pages(query, {k.lower(): v for k, v in self.headers.items()}))
+
+    def _say(self, answer: Answer | None) -> None:
+        if answer is None:
+            self.close_connection = True
+            return
+        body = b"" if answer.status == 304 else answer.encode()
+        self.send_response(answer.status)
+        for name, value in {"Content-Type": "application/json", **answer.headers}.items():
+            self.send_header(name, value)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body[: len(body) - answer.cut])
+        if answer.cut:
+            self.close_connection = True
+
+
+def split(batch: bytes) -> list[bytes]:
+    """Take a DataMessages apart into the very bytes of its messages, as a server that hashes them does."""
+    return [payload for number, payload in fields(batch) if number == 2 and payload is not None]
+
+
+def ids_of(body: bytes) -> tuple[str, int]:
+    ids = DataMessage.FromString(body).envelope.ids
+    return ids.session_id.value, ids.message_id.value
+
+
+class Faults:
+    """The faults, as a fixture: test files cannot import from here."""
+
+    Answer = Answer
+    problem = staticmethod(problem)
+    say = staticmethod(say)
+    hang_up = staticmethod(hang_up)
+    store_and_hang_up = staticmethod(store_and_hang_up)
+    store_and_break_off = staticmethod(store_and_break_off)
+    ids_of = staticmethod(ids_of)
+    key = KEY
+
+
+@pytest.fixture
+def faults() -> type[Faults]:
+    return Faults
+
+
+@pytest.fixture
+def fake() -> Iterator[FakeServer]:
+    server = FakeServer()
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True)
+    thread.start()
+    yield server
+    server.shutdown()
+    server.server_close()
+    thread.join()
+
+
+@pytest.fixture
+def server(fake: FakeServer) -> Iterator[Server]:
+    with Server(fake.url, KEY) as client:
+        yield client
