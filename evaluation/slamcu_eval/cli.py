@@ -15,7 +15,7 @@ import typer
 from slamcu_core.errors import SlamcuError
 from slamcu_eval.console import error_console
 
-COMMANDS: tuple[str, ...] = ("slamcu_eval.commands.paper",)
+COMMANDS: tuple[str, ...] = ("slamcu_eval.commands.paper", "slamcu_eval.commands.bench")
 
 
 def build_app() -> typer.Typer:

@@ -1,0 +1,36 @@
+"""The bench compares fairly and prints what it measured."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from slamcu_eval.bench.rounds import interleave
+from slamcu_eval.cli import run
+
+
+def test_the_ways_take_turns_and_none_always_goes_first() -> None:
+    calls: list[str] = []
+
+    def way(name: str, rate: float) -> float:
+        calls.append(name)
+        return rate * (1 + calls.count(name))
+
+    rates = interleave({"a": lambda: way("a", 10.0), "b": lambda: way("b", 1.0)}, rounds=3)
+    rounds = [calls[i : i + 2] for i in range(0, len(calls), 2)]
+    assert all(sorted(names) == ["a", "b"] for names in rounds)
+    assert {names[0] for names in rounds} == {"a", "b"}
+    assert rates["a"].per_round == (30.0, 40.0, 50.0), "the first round warms up and does not count"
+    assert rates["a"].median == 40.0
+    assert rates["a"].median / rates["b"].median == pytest.approx(10.0)
+
+
+def test_the_command_prints_and_writes_the_same_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "bench.json"
+    assert run(["bench", "--particles", "20", "--json", str(file)]) == 0
+    step = json.loads(file.read_text())["filter_step"]["20"]
+    assert step["steps"] > 1000
+    assert 0.0 < step["p50_ms"] <= step["p99_ms"]
+    assert f"{step['p50_ms']:.2f} ms" in capsys.readouterr().out
