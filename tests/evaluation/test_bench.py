@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import pytest
-
 from slamcu_eval.bench.rounds import interleave
 from slamcu_eval.cli import run
 
