@@ -51,7 +51,15 @@ class SensorCalibration:
     """
 
     def __init__(self, parameters: FilterParameters) -> None:
-        self.variance = np.array([parameters.range_scale_std**2, parameters.bearing_bias_std**2])
+        self._stationary = np.array([parameters.range_scale_std**2, parameters.bearing_bias_std**2])
+        self._time_constant = parameters.calibration_time_s
+        self.variance = self._stationary.copy()
+
+    def predict(self, particles: Particles, dt: float) -> None:
+        """Let the calibration wander for `dt` seconds, in place."""
+        keep = np.exp(-dt / self._time_constant)
+        particles.calibration *= keep
+        self.variance = keep**2 * self.variance + (1.0 - keep**2) * self._stationary
 
     def measurement_variance(self, distance: Array) -> Array:
         """Return what the calibration adds to the variance of range and bearing, shape (..., 2), at ranges in m."""

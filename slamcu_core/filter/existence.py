@@ -13,6 +13,9 @@ from slamcu_core.filter.table import FeatureTable, Kind
 
 Array = NDArray[np.float64]
 
+_SCALE_ERROR = 0.06  # of our own speed; how fast a still sign may seem to move for errors of range
+_SLOWEST_MOVER = 0.5  # of our own speed; what moves along with traffic moves at least so fast
+
 
 class State(StrEnum):
     """The classes of section 4.3.3."""
@@ -93,14 +96,15 @@ def stands_still(
 
     Signs painted on lorries look like signs. Each row keeps a weighted regression of its place along the road on
     time; it is proven when its speed agrees with 0 and no longer with the slowest mover (chi-square 9 and 6 beyond).
+    A wrong scale of range looks like a speed in proportion to our own.
     """
     w, wt, wtt, wy, wty = table.track[rows].T
     spread = np.maximum(w * wtt - wt**2, 0.0)
     known = (spread > 0.0) & (table.hits[rows] >= parameters.minimum_hits)
     safe = np.where(known, spread, 1.0)
     speed = np.abs((w * wty - wt * wy) / safe)
-    variance = np.where(known, w / safe, np.inf)
-    mover = max(parameters.mover_speed, 0.4 * abs(own_speed))
+    variance = np.where(known, w / safe, np.inf) + (_SCALE_ERROR * own_speed) ** 2
+    mover = max(parameters.mover_speed, _SLOWEST_MOVER * abs(own_speed))
     at_rest = speed**2 / variance
     moving = np.maximum(mover - speed, 0.0) ** 2 / variance
     return np.asarray(known & (at_rest < 9.0) & (moving - at_rest > 6.0))

@@ -116,6 +116,13 @@ def pre_associate(
     return associate(model, seen.measurement, seen.noise, view.marginal, log_prior, parameters.gate)
 
 
+def pass_variance(distance: Array, parameters: FilterParameters) -> Array:
+    """Return the variances (..., 2) of what is constant within a pass: a scale of range, and a bearing."""
+    return np.stack(
+        [(parameters.pass_range_std * distance) ** 2, np.full_like(distance, parameters.pass_bearing_std**2)], axis=-1
+    )
+
+
 def weigh_and_update(
     model: SensorModel,
     table: FeatureTable,
@@ -148,11 +155,15 @@ def weigh_and_update(
     noise = np.broadcast_to(seen.noise[detections], innovation.shape)
     distance = view.distance[:, columns]
     if usable.any():
-        # Q = H Σ Hᵀ + R with Σ from before the update, of map features and new ones alike (errata to 17 and 18)
+        # Q = H Σ Hᵀ + R with Σ from before the update, of map features and new ones alike (errata to 17 and 18).
+        # What is constant within a pass does not average out over its n looks: it counts n times.
+        looks = 1.0 + table.looks_hit[rows[usable]]
+        common = pass_variance(distance[:, usable], parameters)
+        repeated = np.where(own[usable], 1.0, looks)
         q = ekf.innovation_covariance(
             jacobian[:, usable],
-            covariance[:, usable],
-            noise[:, usable] + calibration.measurement_variance(distance[:, usable]),
+            covariance[:, usable] * repeated[:, None, None],
+            noise[:, usable] + calibration.measurement_variance(distance[:, usable]) + looks[:, None] * common,
         )
         likelihood = weighting.robust_log_likelihood(
             weighting.gaussian_log_likelihood(innovation[:, usable], q),
@@ -176,5 +187,7 @@ def weigh_and_update(
                 particles,
                 innovation[:, index],
                 distance[:, index],
-                seen.noise[detections[index]] / share + place.mean(axis=0),
+                seen.noise[detections[index]] / share
+                + (1.0 + table.looks_hit[rows[index]])
+                * (place.mean(axis=0) + pass_variance(distance[:, index], parameters).mean(axis=0)),
             )

@@ -119,7 +119,6 @@ class Neighbourhood:
         table.view_from[looked] = (
             move(table.view_from[looked] / table.view_weight[looked, None]) * table.view_weight[looked, None]
         )
-        table.axis[:] = table.axis @ rotation.T
         self.frame = new
         self._centre = None
         return True

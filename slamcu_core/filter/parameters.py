@@ -28,13 +28,15 @@ class FilterParameters:
     sign_confusion: float = 0.03  # share of detections whose sign type or value is misread
     range_scale_std: float = 0.02  # of the range, constant per vehicle; learned from the map's features
     bearing_bias_std: float = 0.003  # rad, constant per vehicle; learned likewise
-    pass_range_std: float = 0.01  # of the range, constant within one pass; nothing on board can learn it
+    calibration_time_s: float = 600.0  # s; time in which those two may change
+    pass_range_std: float = 0.015  # of the range, constant within one pass; nothing on board can learn it
+    pass_bearing_std: float = 0.001  # rad, likewise
     gnss_white_share: float = 0.4  # of a fix's std_m; the rest is a bias that wanders slowly
     gnss_correlation_s: float = 180.0  # time constant of that bias
     pass_gap_s: float = 5.0  # a feature out of view this long has left it (design: definition of a pass)
     max_new: int = 64  # live unmapped features; beyond, the weakest unproven one gives way
     minimum_hits: int = 3  # detections before an unmapped feature may be called New
-    mover_speed: float = 1.0  # m/s; what moves at all moves at least so fast, or at 0.4 of our own speed
+    mover_speed: float = 1.0  # m/s; what moves at all moves at least so fast
 
     def __post_init__(self) -> None:
         for name, low, high in (

@@ -42,9 +42,7 @@ class Particles:
     ) -> Particles:
         """Draw particles around the origin of the local frame with the given heading (rad)."""
         mean = np.array([0.0, 0.0, heading, 1.0, 1.0, 0.0])
-        std = np.array(
-            [position_std, position_std, heading_std, noise.speed_scale_std, noise.yaw_scale_std, noise.yaw_bias_std]
-        )
+        std = np.concatenate([[position_std, position_std, heading_std], noise.constants_std])
         return cls(
             state=mean + std * rng.standard_normal((count, 6)),
             log_weight=np.zeros(count),

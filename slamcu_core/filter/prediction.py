@@ -40,8 +40,11 @@ def predict(particles: Particles, travel: Travel, noise: MotionNoise, rng: np.ra
     moving = travel.distance != 0.0 or travel.turn != 0.0
     if not moving:
         return
-    draw = rng.standard_normal((2, len(particles)))
+    draw = rng.standard_normal((5, len(particles)))
     state = particles.state
+    keep = np.exp(-travel.time / noise.constant_time_s)
+    nominal = np.array([1.0, 1.0, 0.0])
+    state[:, 3:] = nominal + keep * (state[:, 3:] - nominal) + np.sqrt(1.0 - keep**2) * noise.constants_std * draw[2:].T
     distance = travel.distance * state[:, 3] + noise.distance_std * np.sqrt(abs(travel.distance)) * draw[0]
     turn_std = np.sqrt(noise.turn_std**2 * abs(travel.turn) + noise.drift_std**2 * travel.time)
     turn = travel.turn * state[:, 4] + state[:, 5] * travel.time + turn_std * draw[1]

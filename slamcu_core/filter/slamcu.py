@@ -31,7 +31,7 @@ from slamcu_core.filter.resampling import resample
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
 from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass
 from slamcu_core.hd_map import HDMap
-from slamcu_core.models import SensorModel, yaw_rate_from_steering
+from slamcu_core.models import SensorModel, advance, yaw_rate_from_steering
 from slamcu_core.reports import Health, PassReport
 
 Array = NDArray[np.float64]
@@ -98,6 +98,7 @@ class SlamcuFilter:
         self._speed = 0.0
         self._yaw_rate = 0.0
         self._travel = Travel()
+        self._reckoned = np.zeros((1, 3))  # dead reckoning: drifts, but never jumps
         self._open: set[int] = set()
         self._spare: list[int] = []  # rows of dropped finds, to be used again
         self._votes: dict[int, Counter[tuple[int, int]]] = {}
@@ -152,6 +153,8 @@ class SlamcuFilter:
 
     def _predict(self) -> None:
         predict(self._particles, self._travel, self.parameters.motion, self._rng)
+        travel = self._travel
+        self._reckoned = advance(self._reckoned, np.array([travel.distance]), np.array([travel.turn]))
         self._travel = Travel()
 
     def _advance(self, t: float) -> None:
@@ -169,6 +172,7 @@ class SlamcuFilter:
         share = existence.temper(record.t - sensor.last_frame, self.parameters.correlation_time_s)
         if share <= 0.0:
             raise SlamcuError(f"sensor {record.sensor!r} has two frames at t = {record.t} s")
+        self._calibration.predict(self._particles, min(record.t - max(sensor.last_frame, 0.0), 1e6))
         sensor.last_frame = record.t
         mean_state, _ = self._particles.mean_state()
         if self._around.reanchor(mean_state[:2], self._particles):
@@ -206,6 +210,9 @@ class SlamcuFilter:
         table, parameters, t = self._table, self.parameters, self._time
         columns, squares = pre_associate(sensor.model, table, view, seen, parameters)
         pairs = [(d, int(c)) for d, c in enumerate(columns) if c >= 0]
+        for detection, column in pairs:
+            # noise by the expected range: by the measured one, short readings would weigh more than long ones
+            seen.noise[detection] = sensor.model.noise(view.marginal.mean[column])
         hit = np.zeros(len(view.rows), dtype=bool)
         hit[[c for _, c in pairs]] = True
         self._keep_passes(view, hit)
@@ -220,7 +227,6 @@ class SlamcuFilter:
         )
         missed = ~hit & (view.visible > 0.05)
         existence.add_misses(table, view.rows[missed], chance[missed], parameters, share)
-        table.looks_hit[hit_rows] += share
         table.looks_missed[view.rows[missed]] += share * looked[missed]
         table.hits[hit_rows] += 1
         table.last_hit[hit_rows] = t
@@ -250,6 +256,7 @@ class SlamcuFilter:
                 parameters,
                 share,
             )
+        table.looks_hit[hit_rows] += share
         self._drop_refuted(view.rows)
         for alone in np.flatnonzero(columns < 0).tolist():
             self._give_birth(sensor, seen, alone, share, pose)
@@ -279,7 +286,8 @@ class SlamcuFilter:
         table.view_from[row] += pose[:2] / noise[0]
         if table.kind[row] == Kind.NEW:
             weight, since = 1.0 / noise[0], t - table.born[row]
-            along = float((place - table.xy[row]) @ table.axis[row])
+            # by dead reckoning, for a correction of the pose would look like motion
+            along = float((model.invert(self._reckoned[0], measured) - table.origin[row]) @ table.axis[row])
             table.track[row] += weight * np.array([1.0, since, since**2, along, since * along])
             if seen.sign[detection] or seen.value[detection]:
                 votes = self._votes.setdefault(row, Counter())
@@ -319,7 +327,9 @@ class SlamcuFilter:
         table.born[row] = table.last_hit[row] = self._time
         table.hits[row] = 1
         table.xy[row] = particles.weights @ place
-        table.axis[row] = np.cos(pose[2]), np.sin(pose[2])
+        heading = self._reckoned[0, 2]
+        table.axis[row] = np.cos(heading), np.sin(heading)
+        table.origin[row] = self._reckoned[0, :2]
         table.begin_pass(row, self._time)
         table.pass_last[row] = self._time
         table.detected[row] = 1

@@ -53,7 +53,8 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     "view_weight": (np.float64, ()),  # Σ 1/σ_r² of sightings
     "view_from": (np.float64, (2,)),  # Σ (place of the sensor) / σ_r²
     # regression of place along the road on time: does it stand still?
-    "axis": (np.float64, (2,)),
+    "axis": (np.float64, (2,)),  # the road's direction and our place at birth, by dead reckoning
+    "origin": (np.float64, (2,)),
     "track": (np.float64, (5,)),  # Σw, Σwt, Σwt², Σwy, Σwty
 }
 
@@ -93,6 +94,7 @@ class FeatureTable:
     view_weight: Array
     view_from: Array
     axis: Array
+    origin: Array
     track: Array
 
     def __init__(self) -> None:

@@ -16,7 +16,8 @@ Array = NDArray[np.float64]
 class MotionNoise:
     """How far odometry may be wrong: white noise by distance and turn, and constants that each vehicle has wrong.
 
-    The constants are part of each particle, so the filter learns them; the defaults suit a passenger car.
+    The constants are part of each particle, so the filter learns them; they wander about their nominal values within
+    `constant_time_s`, or a cloud of particles would settle on a wrong value for ever. The defaults suit a car.
     """
 
     distance_std: float = 0.02  # m per square root of a metre driven
@@ -25,6 +26,12 @@ class MotionNoise:
     speed_scale_std: float = 0.01  # of the speed, constant per vehicle
     yaw_scale_std: float = 0.01  # of the yaw rate, constant per vehicle
     yaw_bias_std: float = 0.001  # rad/s, constant per drive
+    constant_time_s: float = 300.0  # s; time in which a constant may change (tyres warm up, a gyro drifts)
+
+    @property
+    def constants_std(self) -> Array:
+        """Standard deviations (3,) of speed scale, yaw scale and yaw bias."""
+        return np.array([self.speed_scale_std, self.yaw_scale_std, self.yaw_bias_std])
 
     @classmethod
     def robot(cls) -> MotionNoise:
