@@ -104,15 +104,18 @@ def look(
 def pre_associate(
     model: SensorModel, table: FeatureTable, view: View, seen: Seen, parameters: FilterParameters
 ) -> tuple[Index, Array]:
-    """Assign detections to features by likelihood, one to one (section 4.3.1); return columns (D,) or -1, and NIS."""
+    """Assign detections to features by likelihood, one to one (section 4.3.1); return columns (D,) or -1, and NIS.
+
+    A detection read as another sign or value than the map's is not a confirmation of it, however near it is.
+    """
     e, _, u = existence.masses(table, view.rows)
     shows = view.visible * (1.0 - view.hidden)
     log_prior = np.log(np.maximum((e + 0.5 * u) * np.maximum(shows, 0.05), 1e-3))[None, :]
     signs, values = table.sign[view.rows], table.value[view.rows]
     other_sign = (seen.sign[:, None] != signs) & (seen.sign[:, None] > 0) & (signs > 0)
     other_value = (seen.value[:, None] != values) & (seen.value[:, None] > 0) & (values > 0)
-    log_prior = log_prior + np.log(parameters.sign_confusion) * (other_sign | other_value)
-    log_prior = np.where(seen.feature_class[:, None] == table.feature_class[view.rows], log_prior, -np.inf)
+    fits = (seen.feature_class[:, None] == table.feature_class[view.rows]) & ~other_sign & ~other_value
+    log_prior = np.where(fits, log_prior, -np.inf)
     return associate(model, seen.measurement, seen.noise, view.marginal, log_prior, parameters.gate)
 
 

@@ -25,7 +25,6 @@ class FilterParameters:
     detection_concentration: float = 4.0  # looks; weight of the sensor's nominal P_D within one pass
     correlation_time_s: float = 0.3  # frames closer than this share their errors and are tempered (errata to 6.2)
     evidence_cap: float = 15.0  # largest weight kept per feature on board, so that a drive can still change its mind
-    sign_confusion: float = 0.03  # share of detections whose sign type or value is misread
     range_scale_std: float = 0.02  # of the range, constant per vehicle; learned from the map's features
     bearing_bias_std: float = 0.003  # rad, constant per vehicle; learned likewise
     calibration_time_s: float = 600.0  # s; time in which those two may change
@@ -46,7 +45,6 @@ class FilterParameters:
             ("resample_fraction", 0.0, 1.0),
             ("jitter", 0.0, 1.0),
             ("outlier_share", 0.0, 0.5),
-            ("sign_confusion", 1e-6, 0.5),
             ("max_new", 1, 10_000),
         ):
             if not low <= getattr(self, name) <= high:
