@@ -77,7 +77,7 @@ class CameraParameters:
     bad_frames: float = 6.0  # mean length of a burst in frames
     far_fade_from_m: float = 60.0  # beyond, the detection probability falls linearly ...
     far_fade_to: float = 0.7  # ... to this share of it at max_range_m
-    false_alarms_per_frame: float = 0.02  # uniform in the field of view, independent; floor 0.02
+    false_alarms_per_frame: float = 0.022  # uniform in the field of view, independent; floor 0.02
     ghosts_per_s: float = 0.05  # short-lived correlated false alarms: a reflection or a poster held for a sign
     ghost_frames_max: int = 5  # a ghost lasts 2 to this many frames
     ghost_fixed_share: float = 0.3  # share of ghosts that stand still in the world; the rest moves with the vehicle
@@ -95,8 +95,8 @@ class TrafficParameters:
     min_speed: float = 21.5  # m/s; trucks go 77 to 85 km/h
     max_speed: float = 23.5
     overtaker_share: float = 0.15  # share of encounters with a coach on the left that overtakes
-    length_m: float = 16.5
-    width_m: float = 2.55
+    truck_length_m: float = 16.5  # articulated lorry, EU maximum
+    truck_width_m: float = 2.55
     sight_m: float = 100.0  # reach of the object detector
     unreported_share: float = 0.10  # share of trucks that the object detector never reports
     report_probability: float = 0.95  # per frame, for the others

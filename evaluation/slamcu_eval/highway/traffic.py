@@ -93,7 +93,7 @@ def make_traffic(
     while beside < path.t[-1]:
         overtakes = rng.random() < p.overtaker_share
         lane = len(world.lane_offsets) - 1 if overtakes else int(rng.random() < 0.15 and len(world.lane_offsets) > 2)
-        length, width = _VAN if overtakes else (p.length_m, p.width_m)
+        length, width = _VAN if overtakes else (p.truck_length_m, p.truck_width_m)
         ego_speed = float(np.interp(beside, path.t, path.speed))
         speed = ego_speed + rng.uniform(2.0, 6.0) if overtakes else rng.uniform(p.min_speed, p.max_speed)
         ahead = np.interp(beside, path.t, path.s) + speed * (times - beside) - length / 2 - ego_s
