@@ -32,5 +32,12 @@ class Instruments:
         self.lag = Gauge(
             "slamcu_aggregation_lag_seconds", "Age of the oldest message not yet aggregated.", registry=self.registry
         )
+        self.fused = Counter(
+            "slamcu_aggregation_messages", "Messages processed by outcome: fused, quarantined.", ("outcome",),
+            registry=self.registry,
+        )  # fmt: skip
+        self.batch_seconds = Histogram(
+            "slamcu_aggregation_batch_seconds", "Time to fuse a batch, of this process.", registry=self.registry
+        )
         for outcome in ("accepted", "duplicate", "rejected"):
             self.messages.labels(outcome)

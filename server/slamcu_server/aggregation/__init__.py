@@ -1,0 +1,1 @@
+"""The worker: from acknowledged messages to standing evidence, one transaction per batch."""

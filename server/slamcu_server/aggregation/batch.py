@@ -1,0 +1,176 @@
+"""One batch: messages, their passes and all that follows from them, in one transaction.
+
+Locks come before reads, and reads are new statements (READ COMMITTED), so a batch sees everything that those before it
+wrote about its cells. The appending to the feed comes last, because all batches wait for each other there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
+
+from slamcu_core.aggregation import Policy
+from slamcu_core.errors import SlamcuError
+from slamcu_core.reports import ReportMessage
+from slamcu_core.sensoris import decode_message
+from slamcu_server.aggregation import log, reads, writes
+from slamcu_server.aggregation.cells import Cell
+from slamcu_server.aggregation.locks import CELL_BUDGET, BeyondLockedCells, lock_cells, require_cells
+from slamcu_server.aggregation.passes import StoredPass
+from slamcu_server.aggregation.refold import Touched, cells_of, refold
+from slamcu_server.aggregation.resolve import (
+    ClaimedMessage,
+    Lookups,
+    ResolvedMessage,
+    match_feature,
+    resolve_message,
+    within_budget,
+)
+from slamcu_server.changes import feed
+
+
+@dataclass(frozen=True, slots=True)
+class Fused:
+    """What one batch did."""
+
+    fused: int = 0
+    quarantined: int = 0
+
+    @property
+    def messages(self) -> int:
+        """How many messages do not wait any more."""
+        return self.fused + self.quarantined
+
+
+class BatchError(Exception):
+    """A batch failed and left no trace; its cause says why."""
+
+    def __init__(self, ids: Sequence[int]) -> None:
+        super().__init__(f"a batch of {len(ids)} messages failed")
+        self.ids = tuple(ids)
+
+
+async def process_batch(engine: AsyncEngine, policy: Policy, *, limit: int, ids: Sequence[int] | None = None) -> Fused:
+    """Fuse up to `limit` pending messages (of `ids`, if given) and return what was done.
+
+    Raises BatchError, with the messages it is about, for whatever went wrong after they were claimed.
+    """
+    further: frozenset[Cell] = frozenset()
+    while True:
+        claimed: list[ClaimedMessage] = []
+        try:
+            async with engine.begin() as connection:
+                claimed += await log.claim(connection, limit, ids)
+                return await _fuse(connection, claimed, policy, further) if claimed else Fused()
+        except BeyondLockedCells as beyond:
+            further |= beyond.cells  # another try that holds these too, from the start, so that keys stay in order
+        except Exception as error:
+            if not claimed:
+                raise
+            raise BatchError([message.id for message in claimed]) from error
+
+
+async def quarantine(engine: AsyncEngine, message_id: int, reason: str) -> None:
+    """Put one message aside, if it is still pending and nobody else holds it."""
+    async with engine.begin() as connection:
+        claimed = await log.claim(connection, 1, [message_id])
+        await log.quarantine(connection, {message.id: reason for message in claimed})
+
+
+async def _fuse(
+    connection: AsyncConnection, claimed: Sequence[ClaimedMessage], policy: Policy, further: frozenset[Cell]
+) -> Fused:
+    reports, reasons = _decode(claimed)
+    known = await reads.lookups(connection, reports.values())
+    resolved, unresolvable = _resolve(claimed, reports, known)
+    reasons |= unresolvable
+    taken, cells = within_budget(resolved, policy.reach_m, CELL_BUDGET, further)
+    if taken:
+        await lock_cells(connection, cells)
+        # What candidates are may have changed while waiting: another batch can have merged them, a review
+        # accepted them.
+        messages = [message.claimed for message in taken]
+        known = await reads.lookups(connection, [message.report for message in taken])
+        taken, unresolvable = _resolve(messages, reports, known)
+        reasons |= unresolvable
+        entries = await _fold(connection, taken, known, cells, policy)
+        await log.mark_fused(connection, (message.claimed.id for message in taken))
+    else:
+        entries = []
+    await log.quarantine(connection, reasons)
+    await feed.append(connection, entries)
+    return Fused(len(taken), len(reasons))
+
+
+async def _fold(
+    connection: AsyncConnection,
+    messages: Sequence[ResolvedMessage],
+    known: Lookups,
+    held: frozenset[Cell],
+    policy: Policy,
+) -> list[feed.Entry]:
+    require_cells(cells_of((anchor for message in messages for anchor in message.anchors), policy), held)
+    passes = await writes.insert_passes(connection, await _match(connection, messages, policy))
+    features = frozenset(item.feature_id for item in passes if item.feature_id is not None)
+    anchors = await reads.anchors(connection, features)
+    require_cells(cells_of(anchors, policy), held)
+    refolded = await refold(connection, Touched(features, _places(passes, known)), held, policy)
+    return await feed.publish(connection, refolded.beliefs, refolded.merged, policy)
+
+
+async def _match(
+    connection: AsyncConnection, messages: Sequence[ResolvedMessage], policy: Policy
+) -> list[ResolvedMessage]:
+    """Tie passes that name nothing to the map features they must be about."""
+    unreferenced = [
+        (number, item.key[3], (item.map_id, *item.place[:2]))
+        for number, message in enumerate(messages)
+        for item in message.passes
+        if item.place and item.feature_id is None and item.watch_id is None
+    ]
+    nearby = await reads.features_near(connection, [place for *_, place in unreferenced], reads.degrees(policy.reach_m))
+    passes = [list(message.passes) for message in messages]
+    for (number, index, _), near in zip(unreferenced, nearby, strict=True):
+        feature = match_feature(passes[number][index], messages[number].map_sequence, near, policy)
+        if feature is not None:
+            passes[number][index] = replace(passes[number][index], feature_id=feature.id)
+    return [replace(message, passes=tuple(mine)) for message, mine in zip(messages, passes, strict=True)]
+
+
+def _places(passes: Iterable[StoredPass], known: Lookups) -> frozenset[tuple[int, float, float]]:
+    """Return the places near which candidates may change: of finds, and of the founding passes of watch features."""
+    found = {(item.map_id, *item.place[:2]) for item in passes if item.clusters and item.place}
+    watched = {
+        (item.map_id, known.watches[item.watch_id].lon, known.watches[item.watch_id].lat)
+        for item in passes
+        if item.watch_id is not None and item.feature_id is None
+    }
+    return frozenset(found | watched)
+
+
+def _decode(claimed: Iterable[ClaimedMessage]) -> tuple[dict[int, ReportMessage], dict[int, str]]:
+    reports: dict[int, ReportMessage] = {}
+    reasons: dict[int, str] = {}
+    for message in claimed:
+        try:
+            reports[message.id] = decode_message(message.body)
+        except SlamcuError as error:
+            reasons[message.id] = str(error)
+    return reports, reasons
+
+
+def _resolve(
+    claimed: Iterable[ClaimedMessage], reports: Mapping[int, ReportMessage], known: Lookups
+) -> tuple[list[ResolvedMessage], dict[int, str]]:
+    resolved: list[ResolvedMessage] = []
+    reasons: dict[int, str] = {}
+    for message in claimed:
+        if message.id not in reports:
+            continue
+        try:
+            resolved.append(resolve_message(message, reports[message.id], known))
+        except SlamcuError as error:
+            reasons[message.id] = str(error)
+    return resolved, reasons

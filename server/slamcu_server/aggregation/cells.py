@@ -1,0 +1,95 @@
+"""The map cells that a batch locks, so that two workers never fold the same evidence at once.
+
+A cell is about 1.1 km high and at least as wide, everywhere on earth: rows of 0.01 degrees of latitude, each cut into
+as many columns as fit at its poleward edge. Whoever changes anything at a place holds every cell within reach of it;
+two changes that could touch each other therefore always share a cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import cos, floor, radians
+
+_ROW_DEG = 0.01
+_ROWS = round(180 / _ROW_DEG)
+_COLUMNS_AT_EQUATOR = round(360 / _ROW_DEG)
+_METRES_PER_DEG = 110_500.0  # the shortest degree of latitude on WGS84: errs to the side of more cells
+_COLUMN_BITS = 16
+_CELL_BITS = 31
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Cell:
+    """One cell of one map."""
+
+    map_id: int
+    row: int
+    column: int
+
+    @property
+    def key(self) -> int:
+        """The key of this cell's advisory lock."""
+        return (self.map_id << _CELL_BITS) | ((self.row + 1) << _COLUMN_BITS) | self.column
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """West, south, east and north edge in degrees."""
+        columns = _columns(self.row)
+        width = 360.0 / columns
+        return (
+            -180.0 + self.column * width,
+            -90.0 + self.row * _ROW_DEG,
+            -180.0 + (self.column + 1) * width,
+            -90.0 + (self.row + 1) * _ROW_DEG,
+        )
+
+
+def map_key(map_id: int) -> int:
+    """Return the key of the lock on a whole map: held shared beside cells, exclusively instead of too many of them."""
+    return map_id << _CELL_BITS
+
+
+def cell_at(map_id: int, lon: float, lat: float) -> Cell:
+    """Return the cell in which a place (degrees) lies."""
+    row = _row(lat)
+    return Cell(map_id, row, _column(lon, _columns(row)))
+
+
+def cells_within(map_id: int, lon: float, lat: float, reach_m: float) -> frozenset[Cell]:
+    """Return every cell that a circle of `reach_m` metres around a place (degrees) may touch."""
+    north = reach_m / _METRES_PER_DEG
+    cells: set[Cell] = set()
+    for row in range(_row(lat - north), _row(lat + north) + 1):
+        columns = _columns(row)
+        narrowest = cos(radians(min(89.999, max(abs(lat - north), abs(lat + north)))))
+        east = north / narrowest
+        if 2 * east >= 360.0 - 360.0 / columns:
+            cells.update(Cell(map_id, row, column) for column in range(columns))
+            continue
+        first = floor((lon - east + 180.0) / 360.0 * columns)
+        last = floor((lon + east + 180.0) / 360.0 * columns)
+        cells.update(Cell(map_id, row, column % columns) for column in range(first, last + 1))
+    return frozenset(cells)
+
+
+def lock_keys(cells: Iterable[Cell]) -> list[int]:
+    """Return the locks' keys in the one order in which everybody takes them."""
+    return sorted({cell.key for cell in cells})
+
+
+def _row(lat: float) -> int:
+    return min(max(floor((lat + 90.0) / _ROW_DEG), 0), _ROWS - 1)
+
+
+def _columns(row: int) -> int:
+    south = -90.0 + row * _ROW_DEG
+    poleward = max(abs(south), abs(south + _ROW_DEG))
+    return max(1, floor(_COLUMNS_AT_EQUATOR * cos(radians(min(poleward, 90.0)))))
+
+
+def _column(lon: float, columns: int) -> int:
+    return floor((lon + 180.0) / 360.0 * columns) % columns
+
+
+__all__ = ["Cell", "cell_at", "cells_within", "lock_keys", "map_key"]

@@ -1,0 +1,153 @@
+"""Fold what was reported about one map feature or candidate: pure functions of the set of its passes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+import numpy as np
+
+from slamcu_core.aggregation import (
+    EPOCH_S,
+    ClassPolicy,
+    FoldedState,
+    Side,
+    contributions,
+    fold,
+    fuse_positions,
+)
+from slamcu_core.geometry import LocalFrame
+from slamcu_server.aggregation.cells import cell_at
+from slamcu_server.aggregation.passes import StoredPass
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What the passes over one thing amount to."""
+
+    state: FoldedState
+    passes: int
+    looked: int  # passes that could see the place
+    blocked: int  # passes that could not
+    first_seen: datetime | None
+    last_seen: datetime | None
+    last_looked: datetime | None
+    expired: tuple[int, ...]  # ids of passes that no fold will need again
+
+    @property
+    def last_informative(self) -> datetime | None:
+        """The time of the last informative contribution."""
+        return moment(self.state.last_informative)
+
+    @property
+    def stood_since(self) -> datetime | None:
+        """Since when the change stands, in event time."""
+        return moment(self.state.stood_since)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A fused place."""
+
+    lon: float  # degrees
+    lat: float
+    covariance_m2: tuple[float, float, float]  # xx, xy, yy in east-north
+
+
+def moment(posix_s: float | None) -> datetime | None:
+    """Return a POSIX time as an aware datetime."""
+    return None if posix_s is None else datetime.fromtimestamp(posix_s, UTC)
+
+
+def summarize(
+    passes: Iterable[StoredPass],
+    policy: ClassPolicy,
+    side: Side,
+    *,
+    prior_weight: float = 0.0,
+    may_expire: Callable[[StoredPass], bool] = lambda _: True,
+) -> Summary:
+    """Fold the passes over one thing and count them.
+
+    Passes of epochs before the window of contributions that fold are expired: nothing that comes later, however late,
+    can bring them back. They are left out of the counts, which are therefore a pure function of all that was ever
+    reported, whether the expired passes are still stored or not.
+    """
+    ordered = sorted(passes, key=lambda item: item.order)
+    state = fold(
+        contributions([item.evidence for item in ordered], policy), prior_weight=prior_weight, policy=policy, side=side
+    )
+    expired: set[int] = set()
+    if len(state.steps) == policy.window:
+        window_epoch = math.floor(state.steps[0].time / EPOCH_S)
+        expired = {
+            item.id
+            for item in ordered
+            if math.floor(item.ended_at.timestamp() / EPOCH_S) < window_epoch and may_expire(item)
+        }
+    kept = [item for item in ordered if item.id not in expired]
+    looked = [item for item in kept if item.counts and not item.blocked]
+    seen = [item for item in looked if item.found]
+    return Summary(
+        state=state,
+        passes=len(kept),
+        looked=len(looked),
+        blocked=sum(item.counts and item.blocked for item in kept),
+        first_seen=seen[0].ended_at if seen else None,
+        last_seen=seen[-1].ended_at if seen else None,
+        last_looked=looked[-1].ended_at if looked else None,
+        expired=tuple(sorted(expired)),
+    )
+
+
+def fuse_place(passes: Iterable[StoredPass], policy: ClassPolicy) -> Place:
+    """Fuse the places where passes saw a candidate, in a frame that depends on nothing but these passes.
+
+    Raises ValueError if no pass saw it at a place.
+    """
+    seen = [
+        (item, item.place)
+        for item in sorted(passes, key=lambda item: item.order)
+        if item.counts and item.found and item.place is not None
+    ]
+    places = [place for _, place in seen]
+    if not places:
+        raise ValueError("no pass saw it at a place")
+    frame = frame_at(places[0][0], places[0][1])
+    fused = fuse_positions(
+        frame.to_local([place[0] for place in places], [place[1] for place in places]),
+        covariances([place[2] for place in places]),
+        np.array([item.contributor for item, _ in seen]),
+        policy,
+    )
+    lon, lat = frame.to_geographic(fused.xy)
+    (xx, xy), (_, yy) = fused.covariance.tolist()
+    return Place(float(lon), float(lat), (xx, xy, yy))
+
+
+def frame_at(lon: float, lat: float) -> LocalFrame:
+    """Return the metric frame of the cell in which a place lies."""
+    west, south, east, north = cell_at(0, lon, lat).bounds
+    return LocalFrame((west + east) / 2, (south + north) / 2)
+
+
+def covariances(entries: Sequence[tuple[float, float, float]]) -> np.ndarray:
+    """Return covariances [xx, xy, yy] as matrices (N, 2, 2)."""
+    flat = np.array(entries, float).reshape(-1, 3)
+    return flat[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+
+
+def prevailing(passes: Iterable[StoredPass]) -> tuple[str | None, str | None]:
+    """Return the sign and value with the most weight for them; equal weights go by name, and a name beats none."""
+    seen = [item for item in passes if item.counts and item.found]
+    sign = _heaviest([(item.sign, item.weight_for) for item in seen])
+    value = _heaviest([(item.value, item.weight_for) for item in seen if item.sign in (sign, None)])
+    return sign, value
+
+
+def _heaviest(votes: Sequence[tuple[str | None, float]]) -> str | None:
+    names = sorted({name for name, _ in votes if name is not None})
+    weights = {name: math.fsum(weight for voted, weight in votes if voted == name) for name in names}
+    return max(names, key=lambda name: weights[name]) if names else None

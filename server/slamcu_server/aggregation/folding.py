@@ -1,0 +1,99 @@
+"""From passes to what is believed, for any set of map features and connected groups.
+
+Pure, so that a batch that folds a few of them and a rebuild that folds all cannot differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from slamcu_core.aggregation import Policy, Side
+from slamcu_core.evidence import support
+from slamcu_server.aggregation.evidence import Place, Summary, fuse_place, prevailing, summarize
+from slamcu_server.aggregation.membership import Membership, assign, group_by_reach
+from slamcu_server.aggregation.passes import StoredPass
+from slamcu_server.aggregation.reads import MappedFeature
+
+
+@dataclass(frozen=True, slots=True)
+class CandidateFold:
+    """What is believed about one candidate."""
+
+    membership: Membership
+    passes: tuple[StoredPass, ...]  # its members and what was reported about its watch features
+    summary: Summary
+    place: Place
+    sign: str | None
+    value: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Partition:
+    """The candidates that a set of passes makes."""
+
+    memberships: tuple[Membership, ...]
+    alone: tuple[StoredPass, ...]  # misses that are near no candidate
+
+    @property
+    def watch_ids(self) -> frozenset[int]:
+        """Every id whose founding pass is in the partition."""
+        ids = {item.candidate_id for item in self.memberships if item.candidate_id is not None}
+        return frozenset(ids | {merged for item in self.memberships for merged in item.merged})
+
+    @property
+    def merged(self) -> dict[int, int]:
+        """The ids that are part of another candidate now, each with that one's id."""
+        return {
+            merged: item.candidate_id
+            for item in self.memberships
+            for merged in item.merged
+            if item.candidate_id is not None
+        }
+
+
+def partition(passes: Iterable[StoredPass], founded: Mapping[int, int], policy: Policy) -> Partition:
+    """Split passes into candidates; `founded` gives the ids that are bound to founding passes."""
+    memberships: list[Membership] = []
+    alone: list[StoredPass] = []
+    for group in group_by_reach(passes, policy.reach_m):
+        mine, none = assign(group, founded, policy)
+        memberships += mine
+        alone += none
+    return Partition(tuple(memberships), tuple(alone))
+
+
+def fold_candidates(
+    parts: Partition, watched: Mapping[int, Sequence[StoredPass]], policy: Policy
+) -> list[CandidateFold]:
+    """Fold each candidate's members and the passes over the watch features that it bears."""
+    folds: list[CandidateFold] = []
+    for item in parts.memberships:
+        ids = [*item.merged] if item.candidate_id is None else [item.candidate_id, *item.merged]
+        passes = (*item.members, *(report for key in ids for report in watched.get(key, ())))
+        rules = policy.for_class(item.founder.feature_class)
+        summary = summarize(passes, rules, Side.NEW, may_expire=_named_a_watch_feature)
+        kept = tuple(one for one in passes if one.id not in set(summary.expired))
+        sign, value = prevailing(kept)
+        folds.append(CandidateFold(item, kept, summary, fuse_place(kept, rules), sign, value))
+    return folds
+
+
+def fold_features(
+    features: Iterable[MappedFeature], passes: Mapping[int, Sequence[StoredPass]], policy: Policy
+) -> dict[int, Summary]:
+    """Fold the passes over map features, each from its prior (eq. 3)."""
+    return {
+        feature.id: summarize(
+            passes.get(feature.id, ()),
+            policy.for_class(feature.feature_class),
+            Side.DELETED,
+            prior_weight=float(support(feature.existence_confidence)),
+        )
+        for feature in features
+    }
+
+
+def _named_a_watch_feature(item: StoredPass) -> bool:
+    """Whether a candidate can do without a pass: those that cluster carry its identity."""
+    return item.watch_id is not None

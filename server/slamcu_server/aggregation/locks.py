@@ -1,0 +1,48 @@
+"""The locks under which evidence is folded, taken in one order by everybody."""
+
+from __future__ import annotations
+
+from sqlalchemy import text
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from slamcu_server.aggregation.cells import Cell, lock_keys, map_key
+
+CELL_BUDGET = 1000
+"""Cells that one transaction locks one by one; PostgreSQL's table of locks holds 6,400 by default, for everybody."""
+
+
+class BeyondLockedCells(Exception):  # noqa: N818  (not an error: the transaction starts over with more cells)
+    """What is to be folded reaches into cells that this transaction does not hold."""
+
+    def __init__(self, cells: frozenset[Cell]) -> None:
+        super().__init__(f"{len(cells)} further cells are needed")
+        self.cells = cells
+
+
+async def lock_cells(connection: AsyncConnection, cells: frozenset[Cell]) -> None:
+    """Hold the cells until the transaction ends: all keys in ascending order, maps before their cells.
+
+    Whoever needs more cells than the budget holds their maps instead, against everybody.
+    """
+    whole = len(cells) > CELL_BUDGET
+    maps = sorted({map_key(cell.map_id) for cell in cells})
+    mode = "pg_advisory_xact_lock" if whole else "pg_advisory_xact_lock_shared"
+    await connection.execute(text(f"SELECT {mode}(key) FROM unnest(CAST(:keys AS bigint[])) AS key"), {"keys": maps})  # noqa: S608
+    if not whole:
+        await connection.execute(
+            text("SELECT pg_advisory_xact_lock(key) FROM unnest(CAST(:keys AS bigint[])) AS key"),
+            {"keys": lock_keys(cells)},
+        )
+
+
+async def lock_maps(connection: AsyncConnection) -> None:
+    """Hold every map against everybody until the transaction ends."""
+    await connection.execute(
+        text("SELECT pg_advisory_xact_lock(key) FROM (SELECT id << 31 AS key FROM maps ORDER BY id) AS keys")
+    )
+
+
+def require_cells(needed: frozenset[Cell], held: frozenset[Cell] | None) -> None:
+    """Raise BeyondLockedCells if cells are needed that are not held; None holds everything."""
+    if held is not None and not needed <= held:
+        raise BeyondLockedCells(needed - held)

@@ -1,0 +1,64 @@
+"""The message log as the worker sees it: claim, mark, put aside, and forget bodies in time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import timedelta
+
+from sqlalchemy import text
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from slamcu_server.aggregation.resolve import ClaimedMessage
+
+CHANNEL = "slamcu_messages"
+"""The channel on which the ingest tells that messages wait."""
+
+
+async def claim(connection: AsyncConnection, limit: int, ids: Sequence[int] | None = None) -> list[ClaimedMessage]:
+    """Lock up to `limit` pending messages (of `ids`, if given) that no other worker holds, oldest first."""
+    chosen = "" if ids is None else "AND id = ANY(CAST(:ids AS bigint[]))"
+    result = await connection.execute(
+        text(f"""
+        SELECT id, account_id, session_id, message_id, body FROM messages
+        WHERE state = 'pending' {chosen} ORDER BY id LIMIT :limit FOR UPDATE SKIP LOCKED"""),  # noqa: S608  (constants)
+        {"limit": limit, **({} if ids is None else {"ids": list(ids)})},
+    )
+    return [
+        ClaimedMessage(row.id, row.account_id, row.session_id, row.message_id, bytes(row.body or b"")) for row in result
+    ]
+
+
+async def mark_fused(connection: AsyncConnection, ids: Iterable[int]) -> None:
+    """Say that the effect of messages is part of this transaction."""
+    await connection.execute(
+        text("""
+        UPDATE messages SET state = 'fused', processed_at = clock_timestamp(), error = NULL
+        WHERE id = ANY(CAST(:ids AS bigint[]))"""),
+        {"ids": sorted(ids)},
+    )
+
+
+async def quarantine(connection: AsyncConnection, reasons: Mapping[int, str]) -> None:
+    """Put messages that cannot be fused aside, each with its reason."""
+    await connection.execute(
+        text("""
+        UPDATE messages m SET state = 'quarantined', processed_at = clock_timestamp(), error = r.reason
+        FROM unnest(CAST(:ids AS bigint[]), CAST(:reasons AS text[])) AS r(id, reason) WHERE m.id = r.id"""),
+        {"ids": sorted(reasons), "reasons": [reasons[key] for key in sorted(reasons)]},
+    )
+
+
+async def empty_bodies(connection: AsyncConnection, retention: timedelta, limit: int) -> int:
+    """Empty up to `limit` bodies of messages fused longer ago than `retention` and return how many.
+
+    Their identity stays, so that what is sent again is still known.
+    """
+    result = await connection.execute(
+        text("""
+        UPDATE messages SET body = NULL WHERE id IN (
+            SELECT id FROM messages
+            WHERE state = 'fused' AND body IS NOT NULL AND processed_at < now() - CAST(:retention AS interval)
+            ORDER BY processed_at LIMIT :limit FOR UPDATE SKIP LOCKED)"""),
+        {"retention": retention, "limit": limit},
+    )
+    return result.rowcount

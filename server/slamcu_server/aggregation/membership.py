@@ -1,0 +1,108 @@
+"""Which passes are one candidate, and which id it has: recomputed over whole connected groups, in canonical order.
+
+An id is bound for ever to the pass that founded it. A cluster bears the lowest of the ids whose founding passes are in
+it; the others are merged into that one, and live again by themselves if the clusters part. What vehicles report about
+a watch feature follows the founding pass of its id.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from slamcu_core.aggregation import Policy, cluster, connected_groups
+from slamcu_core.geometry import LocalFrame
+from slamcu_server.aggregation.cells import Cell, cells_within
+from slamcu_server.aggregation.evidence import covariances, frame_at
+from slamcu_server.aggregation.passes import StoredPass
+
+
+@dataclass(frozen=True, slots=True)
+class Membership:
+    """One cluster of a group, and the id it bears."""
+
+    candidate_id: int | None  # None: new, to be bound to its founder
+    founder: StoredPass
+    members: tuple[StoredPass, ...]
+    merged: tuple[int, ...]  # other ids whose founding passes are members
+
+
+def group_by_reach(passes: Iterable[StoredPass], reach_m: float) -> list[list[StoredPass]]:
+    """Split passes into groups that steps of at most `reach_m` connect, each in canonical order.
+
+    Distances are measured in the frames of the cells, never in one frame over all passes, so that a group is the same
+    whatever else is looked at with it.
+    """
+    ordered = sorted(passes, key=lambda item: item.order)
+    in_cell: defaultdict[Cell, list[int]] = defaultdict(list)
+    for index, item in enumerate(ordered):
+        lon, lat, _ = _place(item)
+        for cell in cells_within(item.map_id, lon, lat, reach_m):
+            in_cell[cell].append(index)
+    parent = list(range(len(ordered)))
+    for cell, indices in in_cell.items():
+        west, south, east, north = cell.bounds
+        frame = LocalFrame((west + east) / 2, (south + north) / 2)
+        places = [_place(ordered[index]) for index in indices]
+        labels = connected_groups(frame.to_local([p[0] for p in places], [p[1] for p in places]), reach_m)
+        first: dict[int, int] = {}
+        for index, label in zip(indices, labels.tolist(), strict=True):
+            one, other = _root(parent, first.setdefault(label, index)), _root(parent, index)
+            parent[max(one, other)] = min(one, other)
+    groups: defaultdict[int, list[StoredPass]] = defaultdict(list)
+    for index, item in enumerate(ordered):
+        groups[_root(parent, index)].append(item)
+    return [groups[root] for root in sorted(groups)]
+
+
+def assign(
+    group: Sequence[StoredPass], founded: Mapping[int, int], policy: Policy
+) -> tuple[list[Membership], list[StoredPass]]:
+    """Cluster one connected group and say which candidate each cluster is.
+
+    Parameters
+    ----------
+    group : passes of one map that cluster, in canonical order.
+    founded : ids of candidates by the id of their founding pass.
+
+    Returns
+    -------
+    The clusters in the order of their founders, and the misses that are near none.
+    """
+    places = [_place(item) for item in group]
+    frame = frame_at(places[0][0], places[0][1])
+    clusters = cluster(
+        xy=frame.to_local([p[0] for p in places], [p[1] for p in places]),
+        covariance=covariances([p[2] for p in places]),
+        evidence_sign=[1 if item.found else -1 for item in group],
+        group_key=[item.feature_class for item in group],
+        sign=[item.sign for item in group],
+        value=[item.value for item in group],
+        observer=[item.key[:2] for item in group],
+        interval=[(item.started_at.timestamp(), item.ended_at.timestamp()) for item in group],
+        order_key=[item.order for item in group],
+        policy=policy,
+    )
+    members: list[list[StoredPass]] = [[] for _ in clusters.founders]
+    alone: list[StoredPass] = []
+    for item, label in zip(group, clusters.labels.tolist(), strict=True):
+        (members[label] if label >= 0 else alone).append(item)
+    memberships: list[Membership] = []
+    for founder, mine in zip(clusters.founders.tolist(), members, strict=True):
+        ids = sorted(founded[item.id] for item in mine if item.id in founded)
+        memberships.append(Membership(ids[0] if ids else None, group[founder], tuple(mine), tuple(ids[1:])))
+    return memberships, alone
+
+
+def _place(item: StoredPass) -> tuple[float, float, tuple[float, float, float]]:
+    if item.place is None:
+        raise ValueError(f"pass {item.id} has no place to cluster by")
+    return item.place
+
+
+def _root(parent: list[int], node: int) -> int:
+    while parent[node] != node:
+        parent[node] = parent[parent[node]]
+        node = parent[node]
+    return node

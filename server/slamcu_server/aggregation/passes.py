@@ -1,0 +1,92 @@
+"""A pass as the server keeps it: what a contributor reported, and what it counts for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from slamcu_core.aggregation import PassEvidence
+from slamcu_core.reports import DetectionStatus
+
+_FOUND = frozenset({DetectionStatus.EXPECTED_AND_DETECTED, DetectionStatus.NOT_EXPECTED_AND_DETECTED})
+_OWN_FIND_MISSED = frozenset(
+    {DetectionStatus.EXPECTED_AND_NOT_DETECTED, DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE}
+)
+
+PassKey = tuple[int, str, int, int]
+"""What a pass is whatever order it came in: contributor, session, message id, index in the message."""
+
+
+@dataclass(frozen=True, slots=True)
+class StoredPass:
+    """One stored pass."""
+
+    id: int
+    key: PassKey
+    map_id: int
+    started_at: datetime
+    ended_at: datetime
+    status: DetectionStatus
+    feature_class: str
+    sign: str | None
+    value: str | None
+    weight_for: float
+    weight_against: float
+    valid: bool
+    trusted: bool
+    feature_id: int | None = None  # the map feature it counts for
+    watch_id: int | None = None  # the watch feature it named
+    candidate_id: int | None = None  # the candidate it counts for
+    lon: float | None = None  # degrees
+    lat: float | None = None
+    covariance_m2: tuple[float, float, float] | None = None  # xx, xy, yy in east-north
+
+    @property
+    def contributor(self) -> int:
+        """The account that reported it."""
+        return self.key[0]
+
+    @property
+    def order(self) -> tuple[datetime, PassKey]:
+        """The canonical order of passes: event time, then identity."""
+        return self.ended_at, self.key
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is evidence at all: from a filter to be trusted, about something that was not crossed out."""
+        return self.trusted and self.valid
+
+    @property
+    def blocked(self) -> bool:
+        """Whether something stood between the sensor and the place."""
+        return self.status is DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_BLOCKED
+
+    @property
+    def found(self) -> bool:
+        """Whether the feature was seen, crossed out or not."""
+        return self.status in _FOUND
+
+    @property
+    def place(self) -> tuple[float, float, tuple[float, float, float]] | None:
+        """Longitude, latitude and covariance, if it has a place."""
+        if self.lon is None or self.lat is None or self.covariance_m2 is None:
+            return None
+        return self.lon, self.lat, self.covariance_m2
+
+    @property
+    def clusters(self) -> bool:
+        """Whether its place makes it part of a candidate: an unmapped find, or such a find looked for and missed."""
+        if not self.counts or self.place is None or self.feature_id is not None or self.watch_id is not None:
+            return False
+        return self.status is DetectionStatus.NOT_EXPECTED_AND_DETECTED or self.status in _OWN_FIND_MISSED
+
+    @property
+    def evidence(self) -> PassEvidence:
+        """Its weights, none if it does not count or was blocked (occlusion is vacuous, eq. 4)."""
+        speaks = self.counts and not self.blocked
+        return PassEvidence(
+            contributor=self.contributor,
+            ended_at=self.ended_at.timestamp(),
+            weight_for=self.weight_for if speaks else 0.0,
+            weight_against=self.weight_against if speaks else 0.0,
+        )

@@ -1,0 +1,280 @@
+"""What folding reads, each as one statement over a set; called after the locks are held."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+
+from sqlalchemy import Row, text
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from slamcu_core.reports import DetectionStatus, ReportMessage
+from slamcu_server.aggregation.bulk import arrays, unnest
+from slamcu_server.aggregation.passes import StoredPass
+from slamcu_server.aggregation.resolve import Lookups, MapFeatureReference, NearbyFeature, WatchReference
+
+_SELECT = """
+SELECT p.id, p.contributor_id, m.session_id, m.message_id, p.index_in_message, p.map_id, p.started_at, p.ended_at,
+       p.status, p.feature_class, p.sign, p.value, p.weight_for, p.weight_against, p.valid, p.trusted,
+       p.feature_id, p.watch_id, p.candidate_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat, p.cov_xx, p.cov_xy, p.cov_yy
+FROM passes p JOIN messages m ON m.id = p.message
+"""
+_UNREFERENCED = "p.feature_id IS NULL AND p.watch_id IS NULL AND NOT p.archived"  # the predicate of the partial index
+
+
+@dataclass(frozen=True, slots=True)
+class MappedFeature:
+    """A map feature as its newest version has it."""
+
+    id: int
+    map_id: int
+    object_id: int
+    in_map: bool  # whether the map's current version has it
+    feature_class: str
+    sign: str | None
+    value: str | None
+    existence_confidence: float
+    position_std_m: float
+    lon: float
+    lat: float
+
+
+@dataclass(frozen=True, slots=True)
+class KnownCandidate:
+    """A candidate as stored."""
+
+    id: int
+    founding_pass: int
+    merged_into: int | None
+
+
+async def lookups(connection: AsyncConnection, reports: Collection[ReportMessage]) -> Lookups:
+    """Return what the database knows about the maps, features and watch features that messages name."""
+    types = {"source": "text", "version": "text"}
+    identities = sorted({(report.map_identity.source, report.map_identity.version) for report in reports})
+    rows = [dict(zip(types, identity, strict=True)) for identity in identities]
+    found = await connection.execute(
+        text(f"""
+        SELECT m.source, v.version, v.map_id, v.sequence FROM {unnest(types)}
+        JOIN maps m ON m.source = r.source JOIN map_versions v ON v.map_id = m.id AND v.version = r.version"""),  # noqa: S608  (constants)
+        arrays(types, rows),
+    )
+    versions = {(row.source, row.version): (row.map_id, row.sequence) for row in found}
+    references = [item.reference for report in reports for item in report.passes if item.reference]
+    return Lookups(
+        versions=versions,
+        features=await _features_by_object(
+            connection,
+            sorted({map_id for map_id, _ in versions.values()}),
+            sorted({reference.object_id for reference in references if not reference.watched}),
+        ),
+        watches=await watches(connection, {reference.object_id for reference in references if reference.watched}),
+    )
+
+
+async def _features_by_object(
+    connection: AsyncConnection, map_ids: Sequence[int], object_ids: Sequence[int]
+) -> dict[tuple[int, int], MapFeatureReference]:
+    found = await connection.execute(
+        text("""
+        SELECT f.map_id, f.object_id, f.id, v.lon, v.lat FROM features f
+        CROSS JOIN LATERAL (
+            SELECT ST_X(geom) AS lon, ST_Y(geom) AS lat FROM feature_versions
+            WHERE feature_id = f.id ORDER BY from_sequence LIMIT 1) v
+        WHERE f.map_id = ANY(CAST(:maps AS bigint[])) AND f.object_id = ANY(CAST(:objects AS bigint[]))"""),
+        {"maps": map_ids, "objects": object_ids},
+    )
+    return {(row.map_id, row.object_id): MapFeatureReference(row.id, row.lon, row.lat) for row in found}
+
+
+async def watches(connection: AsyncConnection, ids: Iterable[int]) -> dict[int, WatchReference]:
+    """Return watch features by id, each with the candidate or map feature that it is now."""
+    found = await connection.execute(
+        text("""
+        SELECT c.id, c.map_id, root.id AS candidate_id, root.feature_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat
+        FROM candidates c
+        JOIN candidates root ON root.id = COALESCE(c.merged_into, c.id)
+        JOIN passes p ON p.id = c.founding_pass
+        WHERE c.id = ANY(CAST(:ids AS bigint[]))"""),
+        {"ids": sorted(set(ids))},
+    )
+    return {
+        row.id: WatchReference(row.id, row.map_id, row.candidate_id, row.feature_id, row.lon, row.lat) for row in found
+    }
+
+
+async def anchors(connection: AsyncConnection, ids: Iterable[int]) -> list[tuple[int, float, float]]:
+    """Return (map id, lon, lat) of where map features were first mapped."""
+    found = await connection.execute(
+        text("""
+        SELECT DISTINCT ON (feature_id) map_id, ST_X(geom) AS lon, ST_Y(geom) AS lat FROM feature_versions
+        WHERE feature_id = ANY(CAST(:ids AS bigint[])) ORDER BY feature_id, from_sequence"""),
+        {"ids": sorted(set(ids))},
+    )
+    return [(row.map_id, row.lon, row.lat) for row in found]
+
+
+async def features(connection: AsyncConnection, ids: Iterable[int] | None = None) -> dict[int, MappedFeature]:
+    """Return map features by id (all of them if none are named), as their newest version has them."""
+    wanted = "TRUE" if ids is None else "f.id = ANY(CAST(:ids AS bigint[]))"
+    found = await connection.execute(
+        text(f"""
+        SELECT DISTINCT ON (f.id) f.id, f.map_id, f.object_id, v.to_sequence IS NULL AS in_map, v.feature_class,
+               v.sign, v.value, v.existence_confidence, v.position_std_m, ST_X(v.geom) AS lon, ST_Y(v.geom) AS lat
+        FROM features f JOIN feature_versions v ON v.feature_id = f.id
+        WHERE {wanted} ORDER BY f.id, v.from_sequence DESC"""),  # noqa: S608  (two constants)
+        {} if ids is None else {"ids": sorted(set(ids))},
+    )
+    return {row.id: MappedFeature(**row._mapping) for row in found}  # noqa: SLF001  (a row's public mapping)
+
+
+async def features_near(
+    connection: AsyncConnection, places: Sequence[tuple[int, float, float]], reach_deg: float
+) -> list[list[NearbyFeature]]:
+    """Return for each place (map id, lon, lat) the features of the current map in a box around it."""
+    types = {"place": "integer", "map_id": "bigint", "lon": "float8", "lat": "float8"}
+    rows = [
+        dict(zip(types, (index, *side), strict=True))
+        for index, place in enumerate(places)
+        for side in _both_sides([place])
+    ]
+    found = await connection.execute(
+        text(f"""
+        SELECT r.place, v.feature_id AS id, first.since, v.feature_class, v.sign, v.value, v.position_std_m,
+               ST_X(v.geom) AS lon, ST_Y(v.geom) AS lat
+        FROM {unnest(types)}
+        JOIN feature_versions v ON v.map_id = r.map_id AND v.to_sequence IS NULL AND v.geom && {_box("r")}
+        CROSS JOIN LATERAL (
+            SELECT min(from_sequence) AS since FROM feature_versions WHERE feature_id = v.feature_id) first
+        ORDER BY r.place, v.feature_id"""),  # noqa: S608  (constants)
+        {**arrays(types, rows), "reach": reach_deg},
+    )
+    near: list[list[NearbyFeature]] = [[] for _ in places]
+    for row in found:
+        near[row.place].append(
+            NearbyFeature(
+                row.id, row.since, row.feature_class, row.sign, row.value, row.position_std_m, row.lon, row.lat
+            )
+        )
+    return near
+
+
+async def passes_near(
+    connection: AsyncConnection, places: Iterable[tuple[int, float, float]], reach_m: float
+) -> list[StoredPass]:
+    """Return every pass that clusters and that steps of at most `reach_m` connect to one of the places.
+
+    A superset: steps are taken by boxes. What no pass connects is left out.
+    """
+    types = {"map_id": "bigint", "lon": "float8", "lat": "float8"}
+    # The planner would rather scan all passes than probe the index once for every box.
+    query = text(f"""{_SELECT} JOIN (
+            SELECT DISTINCT near.id FROM {unnest(types)} JOIN passes near
+            ON near.map_id = r.map_id AND near.geom && {_box("r")}
+            AND near.feature_id IS NULL AND near.watch_id IS NULL AND NOT near.archived
+        ) close ON close.id = p.id
+        WHERE NOT p.id = ANY(CAST(:seen AS bigint[]))""")  # noqa: S608  (constants)
+    found: dict[int, StoredPass] = {}
+    reach_deg = degrees(reach_m)
+    frontier = sorted(set(places))
+    while frontier:
+        rows = [dict(zip(types, place, strict=True)) for place in _both_sides(frontier)]
+        result = await connection.execute(query, {**arrays(types, rows), "reach": reach_deg, "seen": sorted(found)})
+        fresh = [item for item in map(stored_pass, result) if item.clusters]
+        found |= {item.id: item for item in fresh}
+        frontier = sorted({(item.map_id, *item.place[:2]) for item in fresh if item.place})
+    return list(found.values())
+
+
+async def all_clustering_passes(connection: AsyncConnection) -> list[StoredPass]:
+    """Return every pass that clusters."""
+    result = await connection.execute(text(f"{_SELECT} WHERE {_UNREFERENCED}"))
+    return [item for item in map(stored_pass, result) if item.clusters]
+
+
+async def passes_over_features(connection: AsyncConnection, ids: Iterable[int] | None) -> dict[int, list[StoredPass]]:
+    """Return the passes that count for map features (all of them if none are named), by feature."""
+    wanted = "p.feature_id IS NOT NULL" if ids is None else "p.feature_id = ANY(CAST(:ids AS bigint[]))"
+    parameters = {} if ids is None else {"ids": sorted(set(ids))}
+    result = await connection.execute(text(f"{_SELECT} WHERE {wanted} AND NOT p.archived"), parameters)
+    by_feature: dict[int, list[StoredPass]] = {}
+    for item in map(stored_pass, result):
+        if item.feature_id is not None:
+            by_feature.setdefault(item.feature_id, []).append(item)
+    return by_feature
+
+
+async def passes_over_watches(connection: AsyncConnection, ids: Iterable[int]) -> dict[int, list[StoredPass]]:
+    """Return the passes that named watch features and still count for candidates, by watch feature."""
+    result = await connection.execute(
+        text(f"{_SELECT} WHERE p.watch_id = ANY(CAST(:ids AS bigint[])) AND p.feature_id IS NULL AND NOT p.archived"),
+        {"ids": sorted(set(ids))},
+    )
+    by_watch: dict[int, list[StoredPass]] = {}
+    for item in map(stored_pass, result):
+        if item.watch_id is not None:
+            by_watch.setdefault(item.watch_id, []).append(item)
+    return by_watch
+
+
+async def passes_over_candidate(connection: AsyncConnection, candidate_id: int) -> list[StoredPass]:
+    """Return the passes that count for a candidate, or did until it was accepted."""
+    result = await connection.execute(text(f"{_SELECT} WHERE p.candidate_id = :id"), {"id": candidate_id})
+    return [stored_pass(row) for row in result]
+
+
+async def candidates_founded_by(connection: AsyncConnection, pass_ids: Iterable[int]) -> dict[int, KnownCandidate]:
+    """Return the candidates bound to passes, by founding pass."""
+    found = await connection.execute(
+        text("SELECT id, founding_pass, merged_into FROM candidates WHERE founding_pass = ANY(CAST(:ids AS bigint[]))"),
+        {"ids": sorted(set(pass_ids))},
+    )
+    return {row.founding_pass: KnownCandidate(row.id, row.founding_pass, row.merged_into) for row in found}
+
+
+def degrees(reach_m: float) -> float:
+    """Return metres as degrees of latitude, rounded up."""
+    return reach_m / 110_500.0
+
+
+def stored_pass(row: Row[tuple[object, ...]]) -> StoredPass:
+    """Read a pass from its row."""
+    return StoredPass(
+        id=row.id,
+        key=(row.contributor_id, row.session_id, row.message_id, row.index_in_message),
+        map_id=row.map_id,
+        started_at=row.started_at,
+        ended_at=row.ended_at,
+        status=DetectionStatus(row.status),
+        feature_class=row.feature_class,
+        sign=row.sign,
+        value=row.value,
+        weight_for=row.weight_for,
+        weight_against=row.weight_against,
+        valid=row.valid,
+        trusted=row.trusted,
+        feature_id=row.feature_id,
+        watch_id=row.watch_id,
+        candidate_id=row.candidate_id,
+        lon=row.lon,
+        lat=row.lat,
+        covariance_m2=None if row.cov_xx is None else (row.cov_xx, row.cov_xy, row.cov_yy),
+    )
+
+
+def _both_sides(places: Iterable[tuple[int, float, float]]) -> list[tuple[int, float, float]]:
+    """Return places and, for those near the antimeridian, the same place counted from its other side."""
+    both: list[tuple[int, float, float]] = []
+    for map_id, lon, lat in places:
+        both.append((map_id, lon, lat))
+        if abs(lon) > 179.0:
+            both.append((map_id, lon - 360.0 if lon > 0 else lon + 360.0, lat))
+    return both
+
+
+def _box(alias: str) -> str:
+    """Return the SQL of a box of :reach degrees of latitude around a place; near the poles it is cut off at 89.9°."""
+    east = f":reach / greatest(cosd({alias}.lat), 0.0017)"
+    return (
+        f"ST_MakeEnvelope({alias}.lon - {east}, {alias}.lat - :reach, {alias}.lon + {east}, {alias}.lat + :reach, 4326)"
+    )

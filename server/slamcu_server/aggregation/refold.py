@@ -1,0 +1,167 @@
+"""Fold again what a transaction touched, and write what is believed now: the one way by which beliefs change.
+
+The caller holds the cells; reviews and rebuilds come this way too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from slamcu_core.aggregation import Policy
+from slamcu_server.aggregation import reads, writes
+from slamcu_server.aggregation.cells import Cell, cells_within
+from slamcu_server.aggregation.evidence import Place, Summary
+from slamcu_server.aggregation.folding import CandidateFold, fold_candidates, fold_features, partition
+from slamcu_server.aggregation.locks import require_cells
+from slamcu_server.aggregation.passes import StoredPass
+from slamcu_server.aggregation.reads import MappedFeature
+from slamcu_server.changes.belief import Belief, Kind, Subject
+
+Places = frozenset[tuple[int, float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Touched:
+    """What has to be folded again; None stands for everything there is."""
+
+    features: frozenset[int] | None = None
+    places: Places | None = None  # (map id, lon, lat) near which candidates may have changed
+
+
+@dataclass(frozen=True, slots=True)
+class Refolded:
+    """What is believed now about what was touched."""
+
+    beliefs: tuple[tuple[Subject, Belief], ...]
+    merged: dict[int, int]  # candidates that are part of another now
+
+
+async def refold(
+    connection: AsyncConnection, touched: Touched, held: frozenset[Cell] | None, policy: Policy
+) -> Refolded:
+    """Fold what was touched from its stored passes and write the result.
+
+    Raises BeyondLockedCells if a connected group reaches beyond the cells that are held (None: everything is).
+    """
+    mapped = await _refold_features(connection, touched.features, policy)
+    candidates, merged = await _refold_candidates(connection, touched.places, held, policy)
+    return Refolded((*mapped, *candidates), merged)
+
+
+async def _refold_features(
+    connection: AsyncConnection, ids: frozenset[int] | None, policy: Policy
+) -> list[tuple[Subject, Belief]]:
+    if ids is not None and not ids:
+        return []
+    passes = await reads.passes_over_features(connection, ids)
+    # Features that nobody reported on have no state to rebuild.
+    features = await reads.features(connection, passes.keys() if ids is None else ids)
+    summaries = fold_features(features.values(), passes, policy)
+    rows = {
+        key: {**writes.belief_row(summary, policy.version), "looked": summary.looked, "blocked": summary.blocked}
+        for key, summary in summaries.items()
+    }
+    await writes.upsert_feature_states(connection, rows)
+    await writes.delete_passes(connection, (key for summary in summaries.values() for key in summary.expired))
+    # What has left the map is no longer a change of it, whatever cars with older maps go on reporting.
+    return [
+        feature_belief(features[key], summaries[key], policy.version)
+        for key in sorted(summaries)
+        if features[key].in_map
+    ]
+
+
+async def _refold_candidates(
+    connection: AsyncConnection, places: Places | None, held: frozenset[Cell] | None, policy: Policy
+) -> tuple[list[tuple[Subject, Belief]], dict[int, int]]:
+    if places is None:
+        passes = await reads.all_clustering_passes(connection)
+    else:
+        passes = await reads.passes_near(connection, places, policy.reach_m)
+        require_cells(cells_of(((item.map_id, *item.place[:2]) for item in passes if item.place), policy), held)
+    known = await reads.candidates_founded_by(connection, (item.id for item in passes))
+    parts = partition(passes, {key: item.id for key, item in known.items()}, policy)
+    watched = await reads.passes_over_watches(connection, parts.watch_ids)
+    folds = fold_candidates(parts, watched, policy)
+    ids = await _write_candidates(connection, folds, policy)
+    await writes.merge_candidates(connection, parts.merged)
+
+    belongs = {item.id: key for key, one in zip(ids, folds, strict=True) for item in one.passes}
+    before = {item.id: item.candidate_id for item in _all(folds, parts.alone)}
+    after = {key: belongs.get(key) for key in before}
+    await writes.assign_passes(connection, {key: now for key, now in after.items() if now != before[key]})
+    await writes.delete_passes(connection, (key for one in folds for key in one.summary.expired))
+    beliefs = [candidate_belief(key, one, policy.version) for key, one in zip(ids, folds, strict=True)]
+    return sorted(beliefs, key=lambda pair: pair[0].candidate_id or 0), parts.merged
+
+
+async def _write_candidates(connection: AsyncConnection, folds: list[CandidateFold], policy: Policy) -> list[int]:
+    """Write candidates and return their ids, in the order given."""
+    rows = [writes.candidate_row(one, policy.version) for one in folds]
+    there = {
+        one.membership.candidate_id: row
+        for one, row in zip(folds, rows, strict=True)
+        if one.membership.candidate_id is not None
+    }
+    await writes.update_candidates(connection, there)
+    new = [row for one, row in zip(folds, rows, strict=True) if one.membership.candidate_id is None]
+    made = await writes.insert_candidates(connection, new)
+    return [one.membership.candidate_id or made[one.membership.founder.id] for one in folds]
+
+
+def _all(folds: Iterable[CandidateFold], alone: Iterable[StoredPass]) -> Iterable[StoredPass]:
+    for one in folds:
+        yield from one.passes
+    yield from alone
+
+
+def cells_of(places: Iterable[tuple[int, float, float]], policy: Policy) -> frozenset[Cell]:
+    """Return the cells that whoever changes anything at these places must hold."""
+    return frozenset[Cell]().union(*(cells_within(*place, policy.reach_m) for place in places))
+
+
+def feature_belief(feature: MappedFeature, summary: Summary, policy_version: str) -> tuple[Subject, Belief]:
+    """Return a map feature's evidence as that of its deletion."""
+    variance = feature.position_std_m**2
+    place = Place(feature.lon, feature.lat, (variance, 0.0, variance))
+    kind = (feature.feature_class, feature.sign, feature.value)
+    subject = Subject(Kind.DELETED, feature.map_id, feature_id=feature.id, map_object_id=feature.object_id)
+    return subject, _belief(Kind.DELETED, summary, place, kind, policy_version)
+
+
+def candidate_belief(candidate_id: int, one: CandidateFold, policy_version: str) -> tuple[Subject, Belief]:
+    """Return a candidate's evidence as that of a new feature."""
+    founder = one.membership.founder
+    kind = (founder.feature_class, one.sign, one.value)
+    subject = Subject(Kind.NEW, founder.map_id, candidate_id=candidate_id)
+    return subject, _belief(Kind.NEW, one.summary, one.place, kind, policy_version)
+
+
+def _belief(
+    kind: Kind, summary: Summary, place: Place, what: tuple[str, str | None, str | None], policy_version: str
+) -> Belief:
+    feature_class, sign, value = what
+    return Belief(
+        kind=kind,
+        weight_for=summary.state.weight_for,
+        weight_against=summary.state.weight_against,
+        standing=summary.state.standing,
+        stood_since=summary.stood_since,
+        contributors_for=summary.state.contributors_for,
+        contributors_against=summary.state.contributors_against,
+        passes=summary.passes,
+        first_seen=summary.first_seen,
+        last_seen=summary.last_seen,
+        last_looked=summary.last_looked,
+        last_informative=summary.last_informative,
+        feature_class=feature_class,
+        sign=sign,
+        value=value,
+        lon=place.lon,
+        lat=place.lat,
+        covariance_m2=place.covariance_m2,
+        policy_version=policy_version,
+    )

@@ -1,0 +1,178 @@
+"""The worker: fuse what waits in the message log, as long as it runs. Several may run at once, in any processes."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from datetime import timedelta
+
+from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
+from sqlalchemy.ext.asyncio import AsyncEngine
+
+from slamcu_core.aggregation import Policy
+from slamcu_core.errors import SlamcuError
+from slamcu_server.aggregation import log
+from slamcu_server.aggregation.batch import BatchError, Fused, process_batch, quarantine
+from slamcu_server.aggregation.policy import count_outdated, load_policy, remember_policy
+from slamcu_server.metrics.instruments import Instruments
+from slamcu_server.settings import Settings
+
+logger = logging.getLogger(__name__)
+
+BATCH_SIZE = 64
+POLL_S = 1.0  # between looks at the log when nobody calls: a notification may be lost with its connection
+_HOUSEKEEPING_S = 600.0
+_BODIES_AT_ONCE = 1000
+# SQLSTATE classes after which the same work may succeed: connection, rollback, resources, operator, system
+_PASSING = ("08", "40", "53", "55", "57", "58")
+_ATTEMPTS = 5  # at a batch that was rolled back for reasons that pass
+
+
+async def run_worker(
+    engine: AsyncEngine,
+    settings: Settings,
+    stop: asyncio.Event,
+    *,
+    instruments: Instruments | None = None,
+    batch_size: int = BATCH_SIZE,
+) -> None:
+    """Fuse pending messages until `stop` is set; a batch under way is finished first.
+
+    Raises what the database raises when it cannot be reached: the caller starts the worker again.
+    """
+    policy = load_policy(settings.policy_file)
+    async with engine.begin() as connection:
+        await remember_policy(connection, policy)
+        outdated = await count_outdated(connection, policy)
+    if outdated:
+        logger.warning(
+            "%d beliefs were folded under another policy than %s: run slamcu-server rebuild", outdated, policy.version
+        )
+    retention = timedelta(days=settings.message_retention_days)
+    cleaned_at = -_HOUSEKEEPING_S
+    async with _woken(engine) as wake:
+        while not stop.is_set():
+            wake.clear()
+            begun = time.monotonic()
+            fused = await fuse_pending(engine, policy, batch_size)
+            if instruments is not None and fused.messages:
+                instruments.fused.labels("fused").inc(fused.fused)
+                instruments.fused.labels("quarantined").inc(fused.quarantined)
+                instruments.batch_seconds.observe(time.monotonic() - begun)
+            if fused.messages:
+                continue
+            if begun - cleaned_at > _HOUSEKEEPING_S:
+                await forget_bodies(engine, retention)
+                cleaned_at = begun
+            await _first(wake, stop, timeout_s=POLL_S)
+
+
+async def fuse_pending(engine: AsyncEngine, policy: Policy, batch_size: int = BATCH_SIZE) -> Fused:
+    """Fuse one batch of what waits; a batch that cannot be fused is tried message by message.
+
+    Then only those that fail by themselves are put aside, each with its reason.
+    """
+    try:
+        return await _attempt(engine, policy, batch_size)
+    except BatchError as failed:
+        logger.warning("a batch of %d messages failed and is tried one by one", len(failed.ids), exc_info=failed)
+        done = [await _fuse_alone(engine, policy, message_id) for message_id in failed.ids]
+        return Fused(sum(one.fused for one in done), sum(one.quarantined for one in done))
+
+
+async def drain(engine: AsyncEngine, policy: Policy, batch_size: int = BATCH_SIZE) -> Fused:
+    """Fuse until nothing waits that nobody else holds, and return what was done."""
+    total = Fused()
+    while (done := await fuse_pending(engine, policy, batch_size)).messages:
+        total = Fused(total.fused + done.fused, total.quarantined + done.quarantined)
+    return total
+
+
+async def forget_bodies(engine: AsyncEngine, retention: timedelta) -> int:
+    """Empty the bodies of messages that were fused longer ago than `retention`, and return how many."""
+    forgotten = 0
+    while True:
+        async with engine.begin() as connection:
+            count = await log.empty_bodies(connection, retention, _BODIES_AT_ONCE)
+        forgotten += count
+        if count < _BODIES_AT_ONCE:
+            return forgotten
+
+
+async def _attempt(engine: AsyncEngine, policy: Policy, limit: int, ids: Sequence[int] | None = None) -> Fused:
+    """Fuse a batch, again if it was rolled back for a reason that passes; raise such a reason if it stays."""
+    for attempt in range(1, _ATTEMPTS + 1):
+        try:
+            return await process_batch(engine, policy, limit=limit, ids=ids)
+        except BatchError as failed:
+            cause = failed.__cause__
+            if cause is None or not _passes(cause):
+                raise
+            if attempt == _ATTEMPTS or _lost(cause):
+                raise cause from None
+            logger.info("a batch was rolled back and is tried again: %s", cause)
+            await asyncio.sleep(0.05 * 2**attempt)
+    raise AssertionError("unreachable")
+
+
+async def _fuse_alone(engine: AsyncEngine, policy: Policy, message_id: int) -> Fused:
+    try:
+        return await _attempt(engine, policy, 1, [message_id])
+    except BatchError as failed:
+        cause = failed.__cause__
+        reason = str(cause) if isinstance(cause, SlamcuError) else f"{type(cause).__name__}: {cause}"
+        reason = reason.replace("\x00", "?")  # which PostgreSQL cannot store
+        logger.exception("message %d is put aside", message_id)
+        await quarantine(engine, message_id, reason[:2000])
+        return Fused(quarantined=1)
+
+
+def _passes(error: BaseException) -> bool:
+    """Whether the same work may succeed later: a message must not be put aside for what the database suffers."""
+    state = getattr(getattr(error, "orig", None), "sqlstate", None)
+    return _lost(error) or (isinstance(state, str) and state.startswith(_PASSING))
+
+
+def _lost(error: BaseException) -> bool:
+    if isinstance(error, DBAPIError) and error.connection_invalidated:
+        return True
+    return isinstance(error, OSError | InterfaceError | PoolTimeoutError | MemoryError) or (
+        isinstance(error, OperationalError) and getattr(error.orig, "sqlstate", None) is None
+    )
+
+
+@asynccontextmanager
+async def _woken(engine: AsyncEngine) -> AsyncIterator[asyncio.Event]:
+    """Give an event that is set whenever messages are logged."""
+    wake = asyncio.Event()
+
+    def call(*_: object) -> None:
+        wake.set()
+
+    async with engine.connect() as connection:
+        driver = (await connection.get_raw_connection()).driver_connection
+        if driver is None:
+            raise ConnectionError("the connection to listen on is closed")
+        await driver.add_listener(log.CHANNEL, call)
+        # A connection that is lost wakes the worker too: whatever it does next finds the database gone or back.
+        driver.add_termination_listener(call)
+        try:
+            yield wake
+        finally:
+            if not driver.is_closed():
+                await driver.remove_listener(log.CHANNEL, call)
+
+
+async def _first(*events: asyncio.Event, timeout_s: float) -> None:
+    """Wait until one of the events is set, or the time is over."""
+    waits = [asyncio.create_task(event.wait()) for event in events]
+    try:
+        await asyncio.wait(waits, timeout=timeout_s, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for wait in waits:
+            wait.cancel()
+        await asyncio.gather(*waits, return_exceptions=True)

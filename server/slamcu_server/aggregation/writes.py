@@ -1,0 +1,223 @@
+"""What folding writes, each as one statement over a set, rows in the order of their keys."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+from sqlalchemy import text
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from slamcu_server.aggregation.bulk import arrays, unnest
+from slamcu_server.aggregation.evidence import Summary
+from slamcu_server.aggregation.folding import CandidateFold
+from slamcu_server.aggregation.passes import StoredPass
+from slamcu_server.aggregation.resolve import ResolvedMessage
+
+_PASS_TYPES = {
+    "message": "bigint",
+    "index_in_message": "integer",
+    "map_id": "bigint",
+    "contributor_id": "bigint",
+    "started_at": "timestamptz",
+    "ended_at": "timestamptz",
+    "status": "text",
+    "feature_class": "text",
+    "sign": "text",
+    "value": "text",
+    "weight_for": "float8",
+    "weight_against": "float8",
+    "frames_detected": "integer",
+    "frames_missed": "integer",
+    "frames_blocked": "integer",
+    "feature_id": "bigint",
+    "watch_id": "bigint",
+    "candidate_id": "bigint",
+    "cov_xx": "float8",
+    "cov_xy": "float8",
+    "cov_yy": "float8",
+    "map_sequence": "integer",
+    "sensor_model": "text",
+    "software_version": "text",
+    "fleet_id": "text",
+    "valid": "boolean",
+    "trusted": "boolean",
+}
+_BELIEF_TYPES = {
+    "weight_for": "float8",
+    "weight_against": "float8",
+    "standing": "boolean",
+    "contributors_for": "integer",
+    "contributors_against": "integer",
+    "passes": "integer",
+    "last_looked": "timestamptz",
+    "last_seen": "timestamptz",
+    "last_informative": "timestamptz",
+    "policy_version": "text",
+}
+_FEATURE_TYPES = {"feature_id": "bigint", **_BELIEF_TYPES, "looked": "bigint", "blocked": "bigint"}
+_CANDIDATE_TYPES = {
+    **_BELIEF_TYPES,
+    "first_seen": "timestamptz",
+    "founding_pass": "bigint",
+    "map_id": "bigint",
+    "feature_class": "text",
+    "sign": "text",
+    "value": "text",
+    "cov_xx": "float8",
+    "cov_xy": "float8",
+    "cov_yy": "float8",
+}
+
+Row = dict[str, object]
+
+
+def belief_row(summary: Summary, policy_version: str) -> Row:
+    """Return what the tables of features and candidates share about a summary."""
+    return {
+        "weight_for": summary.state.weight_for,
+        "weight_against": summary.state.weight_against,
+        "standing": summary.state.standing,
+        "contributors_for": summary.state.contributors_for,
+        "contributors_against": summary.state.contributors_against,
+        "passes": summary.passes,
+        "last_looked": summary.last_looked,
+        "last_seen": summary.last_seen,
+        "last_informative": summary.last_informative,
+        "policy_version": policy_version,
+    }
+
+
+def candidate_row(fold: CandidateFold, policy_version: str) -> Row:
+    """Return a candidate's row, all but its id."""
+    founder = fold.membership.founder
+    xx, xy, yy = fold.place.covariance_m2
+    return {
+        **belief_row(fold.summary, policy_version),
+        "first_seen": fold.summary.first_seen,
+        "founding_pass": founder.id,
+        "map_id": founder.map_id,
+        "feature_class": founder.feature_class,
+        "sign": fold.sign,
+        "value": fold.value,
+        "lon": fold.place.lon,
+        "lat": fold.place.lat,
+        "cov_xx": xx,
+        "cov_xy": xy,
+        "cov_yy": yy,
+    }
+
+
+async def insert_passes(connection: AsyncConnection, messages: Sequence[ResolvedMessage]) -> list[StoredPass]:
+    """Store the passes of messages and return them with their ids."""
+    types = {**_PASS_TYPES, "lon": "float8", "lat": "float8"}
+    rows = [_pass_row(message, item) for message in messages for item in message.passes]
+    columns = ", ".join(_PASS_TYPES)
+    result = await connection.execute(
+        text(f"""
+        INSERT INTO passes ({columns}, geom)
+        SELECT {columns}, ST_SetSRID(ST_MakePoint(lon, lat), 4326) FROM {unnest(types)}
+        RETURNING message, index_in_message, id"""),  # noqa: S608  (constants)
+        arrays(types, rows),
+    )
+    ids = {(row.message, row.index_in_message): row.id for row in result}
+    return [replace(item, id=ids[message.claimed.id, item.key[3]]) for message in messages for item in message.passes]
+
+
+async def upsert_feature_states(connection: AsyncConnection, rows: Mapping[int, Row]) -> None:
+    """Write what is believed about map features, given by their ids."""
+    columns = ", ".join(_FEATURE_TYPES)
+    updates = ", ".join(f"{name} = EXCLUDED.{name}" for name in _FEATURE_TYPES if name != "feature_id")
+    ordered = [{"feature_id": key, **rows[key]} for key in sorted(rows)]
+    await connection.execute(
+        text(f"""
+        INSERT INTO feature_states ({columns}) SELECT {columns} FROM {unnest(_FEATURE_TYPES)}
+        ON CONFLICT (feature_id) DO UPDATE SET {updates}, updated_at = now()"""),  # noqa: S608  (constants)
+        arrays(_FEATURE_TYPES, ordered),
+    )
+
+
+async def insert_candidates(connection: AsyncConnection, rows: Sequence[Row]) -> dict[int, int]:
+    """Write new candidates and return their ids by founding pass."""
+    columns = ", ".join(_CANDIDATE_TYPES)
+    types = {**_CANDIDATE_TYPES, "lon": "float8", "lat": "float8"}
+    result = await connection.execute(
+        text(f"""
+        INSERT INTO candidates ({columns}, geom)
+        SELECT {columns}, ST_SetSRID(ST_MakePoint(lon, lat), 4326) FROM {unnest(types)}
+        RETURNING founding_pass, id"""),  # noqa: S608  (constants)
+        arrays(types, rows),
+    )
+    return {row.founding_pass: row.id for row in result}
+
+
+async def update_candidates(connection: AsyncConnection, rows: Mapping[int, Row]) -> None:
+    """Write what is believed about candidates that are there; each stands for itself again if it was merged."""
+    types = {"id": "bigint", **_CANDIDATE_TYPES, "lon": "float8", "lat": "float8"}
+    kept = [name for name in _CANDIDATE_TYPES if name not in ("founding_pass", "map_id")]
+    updates = ", ".join(f"{name} = r.{name}" for name in kept)
+    await connection.execute(
+        text(f"""
+        UPDATE candidates c SET {updates}, geom = ST_SetSRID(ST_MakePoint(r.lon, r.lat), 4326), merged_into = NULL
+        FROM {unnest(types)} WHERE c.id = r.id"""),  # noqa: S608  (constants)
+        arrays(types, [{"id": key, **rows[key]} for key in sorted(rows)]),
+    )
+
+
+async def merge_candidates(connection: AsyncConnection, into: Mapping[int, int]) -> None:
+    """Say of candidates which other one their founding passes now belong to."""
+    types = {"id": "bigint", "target": "bigint"}
+    await connection.execute(
+        text(f"UPDATE candidates c SET merged_into = r.target FROM {unnest(types)} WHERE c.id = r.id"),  # noqa: S608
+        arrays(types, [{"id": key, "target": into[key]} for key in sorted(into)]),
+    )
+
+
+async def assign_passes(connection: AsyncConnection, candidates: Mapping[int, int | None]) -> None:
+    """Say of passes which candidate they count for."""
+    types = {"id": "bigint", "candidate_id": "bigint"}
+    await connection.execute(
+        text(f"UPDATE passes p SET candidate_id = r.candidate_id FROM {unnest(types)} WHERE p.id = r.id"),  # noqa: S608
+        arrays(types, [{"id": key, "candidate_id": candidates[key]} for key in sorted(candidates)]),
+    )
+
+
+async def delete_passes(connection: AsyncConnection, ids: Iterable[int]) -> None:
+    """Forget passes that no fold will need again: nothing about a vehicle is kept longer than it serves."""
+    await connection.execute(text("DELETE FROM passes WHERE id = ANY(CAST(:ids AS bigint[]))"), {"ids": sorted(ids)})
+
+
+def _pass_row(message: ResolvedMessage, item: StoredPass) -> Row:
+    report = message.report.passes[item.key[3]]
+    xx, xy, yy = item.covariance_m2 or (None, None, None)
+    return {
+        "message": message.claimed.id,
+        "index_in_message": item.key[3],
+        "map_id": item.map_id,
+        "contributor_id": item.contributor,
+        "started_at": item.started_at,
+        "ended_at": item.ended_at,
+        "status": item.status.value,
+        "feature_class": item.feature_class,
+        "sign": item.sign,
+        "value": item.value,
+        "weight_for": item.weight_for,
+        "weight_against": item.weight_against,
+        "frames_detected": report.frames_detected,
+        "frames_missed": report.frames_missed,
+        "frames_blocked": report.frames_blocked,
+        "feature_id": item.feature_id,
+        "watch_id": item.watch_id,
+        "candidate_id": item.candidate_id,
+        "lon": item.lon,
+        "lat": item.lat,
+        "cov_xx": xx,
+        "cov_xy": xy,
+        "cov_yy": yy,
+        "map_sequence": message.map_sequence,
+        "sensor_model": message.report.sensor_model,
+        "software_version": message.report.software_version,
+        "fleet_id": message.report.fleet_id,
+        "valid": item.valid,
+        "trusted": item.trusted,
+    }

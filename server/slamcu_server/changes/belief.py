@@ -1,0 +1,74 @@
+"""What the evidence says about one thing, map feature or candidate: what changes are decided on and published from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from enum import StrEnum
+
+
+class Kind(StrEnum):
+    """The kinds of change. `moved` and `modified` join a map feature with a candidate."""
+
+    NEW = "new"
+    DELETED = "deleted"
+    MOVED = "moved"
+    MODIFIED = "modified"
+
+
+class State(StrEnum):
+    """The states of a change: evidence moves the first three, a review the last two."""
+
+    CANDIDATE = "candidate"
+    CONFIRMED = "confirmed"
+    WITHDRAWN = "withdrawn"
+    ACCEPTED = "accepted"
+    REJECTED = "rejected"
+
+
+REVIEWABLE = frozenset({State.CANDIDATE, State.CONFIRMED})
+"""What a provider can decide on: a withdrawn change has nothing left to accept or reject."""
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """What a change is about: a feature of a map, or a candidate near it."""
+
+    kind: Kind
+    map_id: int
+    feature_id: int | None = None
+    map_object_id: int | None = None
+    candidate_id: int | None = None  # the id of its watch feature
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """The folded evidence about one map feature or candidate, and what it is.
+
+    Weights are those of the last informative contribution's time: decay is applied when reading.
+    """
+
+    kind: Kind  # what it would be a change of: new for candidates, deleted for map features
+    weight_for: float
+    weight_against: float
+    standing: bool
+    stood_since: datetime | None
+    contributors_for: int
+    contributors_against: int
+    passes: int
+    first_seen: datetime | None
+    last_seen: datetime | None
+    last_looked: datetime | None
+    last_informative: datetime | None
+    feature_class: str
+    sign: str | None
+    value: str | None
+    lon: float  # degrees
+    lat: float
+    covariance_m2: tuple[float, float, float]  # xx, xy, yy in east-north
+    policy_version: str
+
+    @property
+    def supporters(self) -> int:
+        """Contributors who speak for the change."""
+        return self.contributors_for if self.kind is Kind.NEW else self.contributors_against

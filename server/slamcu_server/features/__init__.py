@@ -1,0 +1,1 @@
+"""Map features with their standing evidence."""
