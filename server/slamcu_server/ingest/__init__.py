@@ -1,0 +1,1 @@
+"""Message ingest: what vehicles send, checked and logged once."""

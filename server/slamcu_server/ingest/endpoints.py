@@ -1,0 +1,64 @@
+"""POST /v1/data-messages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Request, status
+
+from slamcu_server.accounts.authentication import Reporter
+from slamcu_server.database.engine import EngineDependency
+from slamcu_server.ingest import body, service
+from slamcu_server.ingest.schemas import EXAMPLE_BATCH, IngestResult
+from slamcu_server.metrics.instruments import Instruments
+from slamcu_server.problems import Problem, responses
+from slamcu_server.settings import Settings
+
+router = APIRouter(prefix="/v1", tags=["vehicles"])
+
+_REQUEST_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "description": "A SENSORIS 1.5 `DataMessages`; it may be compressed (`Content-Encoding: gzip`).",
+        "content": {
+            body.PROTOBUF: {"schema": {"type": "string", "format": "binary"}},
+            body.JSON: {"schema": {"type": "object"}, "example": EXAMPLE_BATCH},
+        },
+    }
+}
+
+
+@router.post(
+    "/data-messages",
+    status_code=status.HTTP_202_ACCEPTED,
+    responses=responses(400, 401, 403, 413, 415),
+    openapi_extra=_REQUEST_BODY,
+)
+async def post_data_messages(request: Request, reporter: Reporter, engine: EngineDependency) -> IngestResult:
+    """Report what a vehicle saw.
+
+    Each message is taken or refused whole; the good ones of a batch are kept. A message is known by the key's account,
+    its session id and its message id: the same again is a duplicate, the same ids with other bytes are refused. The
+    answer comes when the accepted messages are durable. If no message of the batch could be taken, now or earlier, the
+    answer is a 422 problem with the same members.
+    """
+    settings: Settings = request.app.state.settings
+    is_json = body.media_type(request.headers) == body.JSON
+    limit = (
+        min(settings.max_json_bytes, settings.max_decompressed_bytes) if is_json else settings.max_decompressed_bytes
+    )
+    content = await body.read(request.stream(), gzip=body.is_gzip(request.headers), limit=limit)
+    result = await service.ingest(engine, settings, reporter.account_id, content, is_json=is_json)
+    _count(request.app.state.instruments, result)
+    if result.rejected and not result.accepted and not result.duplicates:
+        detail = f"none of the {len(result.rejected)} messages could be taken; the first: {result.rejected[0].detail}"
+        raise Problem(422, "nothing-accepted", detail, **result.model_dump(exclude_none=True))
+    return result
+
+
+def _count(instruments: Instruments, result: IngestResult) -> None:
+    instruments.messages.labels("accepted").inc(result.accepted)
+    instruments.messages.labels("duplicate").inc(result.duplicates)
+    instruments.messages.labels("rejected").inc(len(result.rejected))
+    for rejection in result.rejected:
+        instruments.rejections.labels(rejection.reason).inc()

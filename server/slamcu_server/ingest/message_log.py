@@ -1,0 +1,141 @@
+"""The log of messages between ingest and aggregation: what is appended once is claimed until it is marked."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+from sqlalchemy import text
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from slamcu_server.aggregation import log as worker_log
+from slamcu_server.aggregation.resolve import ClaimedMessage
+
+
+class Outcome(StrEnum):
+    """What became of an entry."""
+
+    ACCEPTED = "accepted"
+    DUPLICATE = "duplicate"  # it was there already, with the same bytes
+    CONFLICT = "conflicting-bytes"  # its ids were there already, with other bytes
+
+
+@dataclass(frozen=True, slots=True)
+class LogEntry:
+    """A message to append: its ids within the account, and its bytes."""
+
+    session_id: str
+    message_id: int
+    body: bytes
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """The ids that make it one message of its account."""
+        return self.session_id, self.message_id
+
+    @property
+    def sha256(self) -> bytes:
+        """The hash that tells a repetition from a contradiction."""
+        return hashlib.sha256(self.body).digest()
+
+
+class MessageLog(Protocol):
+    """A durable log that takes each message of an account once, whatever is repeated, and in whatever batches."""
+
+    async def append(self, account_id: int, entries: Sequence[LogEntry]) -> list[Outcome]:
+        """Append messages and return what became of each, in their order."""
+        ...
+
+    async def claim(self, limit: int) -> list[ClaimedMessage]:
+        """Take up to `limit` messages that are pending and that nobody else holds, oldest first."""
+        ...
+
+    async def mark_fused(self, ids: Iterable[int]) -> None:
+        """Say that claimed messages have had their effect."""
+        ...
+
+    async def quarantine(self, reasons: Mapping[int, str]) -> None:
+        """Put claimed messages that cannot be used aside, each with its reason."""
+        ...
+
+
+class PostgresMessageLog:
+    """The log as a table, within the transaction of `connection`: an append is durable, and a claim ends, with it."""
+
+    def __init__(self, connection: AsyncConnection) -> None:
+        self._connection = connection
+
+    async def append(self, account_id: int, entries: Sequence[LogEntry]) -> list[Outcome]:
+        """Append messages and return what became of each, in their order."""
+        first: dict[tuple[str, int], LogEntry] = {}
+        for entry in entries:
+            first.setdefault(entry.key, entry)
+        # Sorted, so that two batches with the same messages wait for each other and do not deadlock.
+        unique = sorted(first.values(), key=lambda entry: entry.key)
+        inserted = await self._insert(account_id, unique)
+        present = {key: first[key].sha256 for key in inserted}
+        if earlier := [entry for entry in unique if entry.key not in inserted]:
+            present |= await self._hashes(account_id, earlier)
+        if inserted:
+            await self._connection.execute(text("SELECT pg_notify(:channel, '')"), {"channel": worker_log.CHANNEL})
+        return [self._outcome(entry, first, inserted, present) for entry in entries]
+
+    async def claim(self, limit: int) -> list[ClaimedMessage]:
+        """Take up to `limit` messages that are pending and that nobody else holds, oldest first."""
+        return await worker_log.claim(self._connection, limit)
+
+    async def mark_fused(self, ids: Iterable[int]) -> None:
+        """Say that claimed messages have had their effect."""
+        await worker_log.mark_fused(self._connection, ids)
+
+    async def quarantine(self, reasons: Mapping[int, str]) -> None:
+        """Put claimed messages that cannot be used aside, each with its reason."""
+        await worker_log.quarantine(self._connection, reasons)
+
+    @staticmethod
+    def _outcome(
+        entry: LogEntry,
+        first: Mapping[tuple[str, int], LogEntry],
+        inserted: set[tuple[str, int]],
+        present: Mapping[tuple[str, int], bytes],
+    ) -> Outcome:
+        if entry.sha256 != present[entry.key]:
+            return Outcome.CONFLICT
+        return Outcome.ACCEPTED if entry.key in inserted and first[entry.key] is entry else Outcome.DUPLICATE
+
+    async def _insert(self, account_id: int, entries: Sequence[LogEntry]) -> set[tuple[str, int]]:
+        result = await self._connection.execute(
+            text("""
+            INSERT INTO messages (account_id, session_id, message_id, sha256, body)
+            SELECT :account, new.* FROM unnest(CAST(:sessions AS text[]), CAST(:numbers AS bigint[]),
+                CAST(:hashes AS bytea[]), CAST(:bodies AS bytea[])) AS new
+            ON CONFLICT (account_id, session_id, message_id) DO NOTHING
+            RETURNING session_id, message_id"""),
+            {
+                "account": account_id,
+                "sessions": [entry.session_id for entry in entries],
+                "numbers": [entry.message_id for entry in entries],
+                "hashes": [entry.sha256 for entry in entries],
+                "bodies": [entry.body for entry in entries],
+            },
+        )
+        return {(row.session_id, row.message_id) for row in result}
+
+    async def _hashes(self, account_id: int, entries: Sequence[LogEntry]) -> dict[tuple[str, int], bytes]:
+        # A new statement: it sees what another transaction committed while the insert waited for it.
+        result = await self._connection.execute(
+            text("""
+            SELECT m.session_id, m.message_id, m.sha256 FROM messages m
+            JOIN unnest(CAST(:sessions AS text[]), CAST(:numbers AS bigint[])) AS asked (session_id, message_id)
+                USING (session_id, message_id)
+            WHERE m.account_id = :account"""),
+            {
+                "account": account_id,
+                "sessions": [entry.session_id for entry in entries],
+                "numbers": [entry.message_id for entry in entries],
+            },
+        )
+        return {(row.session_id, row.message_id): bytes(row.sha256) for row in result}

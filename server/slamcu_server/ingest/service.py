@@ -1,0 +1,136 @@
+"""Take a batch message by message: read, check against the maps, and log once."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+from google.protobuf.message import DecodeError
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
+
+from slamcu_core.errors import WireError
+from slamcu_core.reports import ReportMessage
+from slamcu_core.sensoris import BatchItem, WireLimits, decode_batch
+from slamcu_core.sensoris.proto import data_pb2
+from slamcu_server.ingest import repository
+from slamcu_server.ingest.message_log import LogEntry, MessageLog, Outcome, PostgresMessageLog
+from slamcu_server.ingest.schemas import IngestResult, Rejection
+from slamcu_server.problems import Problem
+from slamcu_server.settings import Settings
+
+_TEXT_SHOWN = 200
+
+
+@dataclass(frozen=True, slots=True)
+class _Readable:
+    """A message that could be read, and where it stood in the batch."""
+
+    index: int
+    body: bytes
+    report: ReportMessage
+
+
+async def ingest(
+    engine: AsyncEngine, settings: Settings, account_id: int, body: bytes, *, is_json: bool
+) -> IngestResult:
+    """Log the good messages of a batch durably and say what became of each.
+
+    Raises Problem 400 if the body as a whole cannot be read, 413 if it holds too many messages, and 422 if no message
+    of it could be taken, now or earlier.
+    """
+    limits = WireLimits(
+        max_messages=settings.max_messages_per_batch,
+        latest=datetime.now(UTC) + timedelta(seconds=settings.max_clock_ahead_s),
+    )
+    try:
+        # In a thread: a large batch takes long enough to make other requests wait.
+        items = await asyncio.to_thread(decode_batch, body, is_json=is_json, limits=limits)
+    except WireError as error:
+        status = 413 if error.reason == "too-many-messages" else 400
+        raise Problem(status, error.reason, error.message) from error
+    rejected = [_unreadable(index, item) for index, item in enumerate(items) if item.report is None]
+    readable = [_Readable(index, item.body, item.report) for index, item in enumerate(items) if item.report is not None]
+    accepted = duplicates = 0
+    if readable:
+        # Only now: a slow sender must not hold a connection. The commit comes before the answer.
+        async with engine.begin() as connection:
+            unknown = await _refuse_unknown(connection, readable)
+            refused = {rejection.index for rejection in unknown}
+            kept = [message for message in readable if message.index not in refused]
+            outcomes = await _log(PostgresMessageLog(connection), account_id, kept) if kept else []
+        rejected += unknown
+        rejected += [
+            _rejection(message, Outcome.CONFLICT, "these ids were used before for a message with other bytes")
+            for message, outcome in zip(kept, outcomes, strict=True)
+            if outcome is Outcome.CONFLICT
+        ]
+        accepted, duplicates = outcomes.count(Outcome.ACCEPTED), outcomes.count(Outcome.DUPLICATE)
+    return IngestResult(
+        accepted=accepted, duplicates=duplicates, rejected=sorted(rejected, key=lambda rejection: rejection.index)
+    )
+
+
+async def _log(log: MessageLog, account_id: int, messages: Sequence[_Readable]) -> list[Outcome]:
+    entries = [LogEntry(one.report.session_id, one.report.message_id, one.body) for one in messages]
+    return await log.append(account_id, entries)
+
+
+async def _refuse_unknown(connection: AsyncConnection, messages: Sequence[_Readable]) -> list[Rejection]:
+    """Return rejections of the messages that name a map, version or feature that has never been here."""
+    map_ids = await repository.find_maps(connection, {one.report.map_identity.source for one in messages})
+    versions = await repository.find_versions(connection, {one.report.map_identity for one in messages})
+    named: set[tuple[bool, int, int]] = {
+        (reference.watched, map_ids[one.report.map_identity.source], reference.object_id)
+        for one in messages
+        if one.report.map_identity.source in map_ids
+        for report in one.report.passes
+        if (reference := report.reference) is not None
+    }
+    features = {(m, o) for watched, m, o in named if not watched}
+    watches = {(m, o) for watched, m, o in named if watched}
+    missing = {(False, *key) for key in features - await repository.find_features(connection, features)}
+    missing |= {(True, *key) for key in watches - await repository.find_watches(connection, watches)}
+    rejections = []
+    for one in messages:
+        identity = one.report.map_identity
+        if identity.source not in map_ids:
+            detail = f"there is no map {identity.source!r} here; GET /v1/maps names those there are"
+            rejections.append(_rejection(one, "unknown-map", detail))
+        elif identity not in versions:
+            detail = f"map {identity.source!r} has no version {identity.version!r}"
+            rejections.append(_rejection(one, "unknown-map-version", detail))
+        else:
+            for index, report in enumerate(one.report.passes):
+                reference = report.reference
+                key = reference and (reference.watched, map_ids[identity.source], reference.object_id)
+                if reference is not None and key in missing:
+                    kind = "watch feature" if reference.watched else "feature"
+                    detail = f"passes[{index}]: map {identity.source!r} never had a {kind} {reference.object_id}"
+                    rejections.append(_rejection(one, "unknown-feature", detail))
+                    break
+    return rejections
+
+
+def _rejection(message: _Readable, reason: str, detail: str) -> Rejection:
+    report = message.report
+    return Rejection(
+        index=message.index, session_id=report.session_id, message_id=report.message_id, reason=reason, detail=detail
+    )
+
+
+def _unreadable(index: int, item: BatchItem) -> Rejection:
+    """Name what could not be read, by its ids if at least these could."""
+    assert item.error is not None  # noqa: S101  (an item has a report or an error)
+    try:
+        ids = data_pb2.DataMessage.FromString(item.body).envelope.ids
+    except DecodeError:
+        ids = data_pb2.DataMessage().envelope.ids
+    return Rejection(
+        index=index,
+        session_id=ids.session_id.value[:_TEXT_SHOWN] or None,
+        message_id=ids.message_id.value or None,
+        reason=item.error.reason,
+        detail=item.error.message,
+    )
