@@ -19,7 +19,6 @@ Array = NDArray[np.float64]
 
 _INDEPENDENT_SHARE = 0.1  # least part of a pass's variance that is its own: keeps W positive where Σ is below the floor
 _LARGEST_CONDITION = 1e8  # ratio of axes beyond which a covariance is rounder than it says
-_ROUNDS = 10  # of gating and fusing; two or three are enough in practice
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,10 +34,10 @@ class FusedPosition:
 def fuse_positions(xy: ArrayLike, covariance: ArrayLike, contributor: ArrayLike, policy: ClassPolicy) -> FusedPosition:
     """Fuse the places that N passes gave for one feature (design, section 2, "Position").
 
-    A robust centre in which every contributor has one voice starts it; then each pass is gated against what the
-    *other* contributors say together, until nothing changes. The inliers are weighted by information within a
-    contributor, and again over contributors. Where no two of three agree, or one of two must be wrong, nobody can tell
-    which: everything is kept, and the covariance grows by as much as they disagree.
+    The contributor whom most others second is the first centre; then each pass is gated against what the *other*
+    contributors say together, until nothing changes. The inliers are weighted by information within a
+    contributor, and again over contributors. Where no two agree, nobody can tell who is wrong: those that come nearest
+    to each other are kept, and the covariance grows by as much as they disagree.
 
     Parameters
     ----------
@@ -55,11 +54,12 @@ def fuse_positions(xy: ArrayLike, covariance: ArrayLike, contributor: ArrayLike,
     _, who = np.unique(who, return_inverse=True)
     common = policy.position_floor_m**2 * np.eye(2)
 
-    agreed = _consistent(places, own, who, common, policy.gate) if who.max() >= 2 else None
-    inlier = np.ones(len(who), bool) if agreed is None else agreed
+    inlier, agreed = np.ones(len(who), bool), False
+    if who.max() >= 2:
+        inlier, agreed = _consistent(places, own, who, common, policy.gate)
     means, spreads, present = per_contributor(places[inlier], own[inlier], who[inlier], common)
     centre, fused = information_mean(means, spreads)
-    if agreed is None and present.size >= 2:
+    if not agreed and present.size >= 2:
         squared = float(_mahalanobis(means - centre, spreads).sum())
         fused = fused * (squared / (2 * present.size - 2) if squared > policy.gate else 1.0)
     unsorted = np.empty_like(inlier)
@@ -77,18 +77,22 @@ def own_covariance(covariance: Array, policy: ClassPolicy) -> Array:
 
 def _consistent(
     places: Array, own: Array, who: NDArray[np.intp], common: Array, gate: float
-) -> NDArray[np.bool_] | None:
-    """Return (N,), which passes agree with what the other contributors say together; None if no two agree."""
+) -> tuple[NDArray[np.bool_], bool]:
+    """Return (N,), which passes agree with what the other contributors say together, and whether any two do."""
     total = own + common
-    centre = _median_of_voices(places, who)
-    voice = 1.0 / (np.bincount(who)[who] * (who.max() + 1))
-    # π/2 is what a median's variance has over a mean's
-    spread = 0.5 * np.pi * np.einsum("n,nij->ij", voice**2, total)
-    inlier = _mahalanobis(places - centre, total + spread) <= gate
-    seen = {inlier.tobytes()}
-    for _ in range(_ROUNDS):
-        if np.unique(who[inlier]).size < 2:
-            return None
+    means, spreads, _ = per_contributor(places, own, who, common)
+    # the voice that most others second starts it; every contributor has one, and none can shout
+    distance = _mahalanobis(means[:, None] - means, spreads[:, None] + spreads)
+    nearest_two = float(distance[~np.eye(len(means), dtype=bool)].min())
+    agreed = nearest_two <= gate
+    gate = gate if agreed else nearest_two * (1.0 + 1e-9)
+    seed = int(np.minimum(distance, gate).sum(axis=1).argmin())
+    inlier = _mahalanobis(places - means[seed], total + spreads[seed]) <= gate
+    if np.unique(who[inlier]).size < 2:
+        return np.ones_like(inlier), False
+    seen: set[bytes] = set()
+    while inlier.tobytes() not in seen:
+        seen.add(inlier.tobytes())
         means, spreads, present = per_contributor(places[inlier], own[inlier], who[inlier], common)
         information = np.linalg.inv(spreads)
         vector = np.einsum("cij,cj->ci", information, means)
@@ -97,11 +101,11 @@ def _consistent(
         rest = information.sum(axis=0) - np.einsum("nc,cij->nij", mine, information)
         others = np.linalg.inv(rest)
         centres = np.einsum("nij,nj->ni", others, vector.sum(axis=0) - mine @ vector)
-        inlier = _mahalanobis(places - centres, total + others) <= gate
-        if inlier.tobytes() in seen:
-            break
-        seen.add(inlier.tobytes())
-    return inlier if np.unique(who[inlier]).size >= 2 else None
+        near = _mahalanobis(places - centres, total + others) <= gate
+        if np.unique(who[near]).size < 2:
+            return inlier, False
+        inlier = near
+    return inlier, agreed
 
 
 def per_contributor(
@@ -125,14 +129,8 @@ def information_mean(means: Array, spreads: Array) -> tuple[Array, Array]:
     return covariance @ np.einsum("cij,cj->i", information, means), covariance
 
 
-def _median_of_voices(places: Array, who: NDArray[np.intp]) -> Array:
-    """Return the median per axis over contributors of their own medians."""
-    voices = np.array([np.median(places[who == one], axis=0) for one in range(who.max() + 1)])
-    return np.asarray(np.median(voices, axis=0))
-
-
 def _mahalanobis(difference: Array, covariance: Array) -> Array:
-    return np.asarray(np.einsum("ni,nij,nj->n", difference, np.linalg.inv(covariance), difference))
+    return np.asarray(np.einsum("...i,...ij,...j->...", difference, np.linalg.inv(covariance), difference))
 
 
 def _symmetric(matrix: Array) -> Array:
