@@ -168,10 +168,10 @@ class SlamcuFilter:
 
     def _frame(self, record: DetectionFrame, sensor: _Sensor) -> list[PassReport]:
         seen = read_detections(sensor.model, record.items, self._names)
-        self._advance(record.t)
-        share = existence.temper(record.t - sensor.last_frame, self.parameters.correlation_time_s)
-        if share <= 0.0:
+        if record.t <= sensor.last_frame:
             raise SlamcuError(f"sensor {record.sensor!r} has two frames at t = {record.t} s")
+        share = existence.temper(record.t - sensor.last_frame, self.parameters.correlation_time_s)
+        self._advance(record.t)
         self._calibration.predict(self._particles, min(record.t - max(sensor.last_frame, 0.0), 1e6))
         sensor.last_frame = record.t
         mean_state, _ = self._particles.mean_state()

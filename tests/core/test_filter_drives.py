@@ -1,0 +1,295 @@
+"""The filter on small drives whose truth is known: the paper's scenarios, passes, lorries, and refusals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from slamcu_core.drive import (
+    Detection,
+    DetectionFrame,
+    DriveHeader,
+    GnssFix,
+    InitialPose,
+    ObjectFrame,
+    Occluder,
+    Odometry,
+    Record,
+    Sensor,
+)
+from slamcu_core.errors import SlamcuError
+from slamcu_core.evidence import support
+from slamcu_core.filter import FilterParameters, SlamcuFilter
+from slamcu_core.geometry import LocalFrame
+from slamcu_core.hd_map import HDMap, MapFeature, MapIdentity
+from slamcu_core.reports import DetectionStatus, PassReport
+
+FRAME = LocalFrame(2.1, 48.9)
+CAMERA = Sensor(
+    "camera", fov_deg=40, min_range_m=2, max_range_m=80, rate_hz=10, range_std_m=0.3, range_std_rel=0.02,
+    bearing_std_rad=0.005, detection_probability=0.9,
+)  # fmt: skip
+SPEED = 20.0
+HEADER = DriveHeader(
+    "veh", "session", datetime(2026, 5, 1, tzinfo=UTC), InitialPose(2.1, 48.9, 90.0, 0.3, 0.3), (CAMERA,)
+)
+
+Show = Callable[[int, float, float, np.random.Generator], Detection | None]
+
+
+def feature(object_id: int, x: float, y: float, **more: object) -> MapFeature:
+    lon, lat = FRAME.to_geographic([x, y])
+    return MapFeature(object_id, float(lon), float(lat), **more)  # type: ignore[arg-type]  # test data by keyword
+
+
+def seen(distance: float, bearing: float, rng: np.random.Generator, **more: object) -> Detection:
+    noisy = distance + rng.normal() * (0.3 + 0.02 * distance)
+    return Detection("traffic_sign", range=noisy, bearing=bearing + 0.005 * rng.normal(), **more)  # type: ignore[arg-type]
+
+
+def drive(
+    signs: list[tuple[float, float]],
+    seconds: float = 12.0,
+    seed: int = 0,
+    show: Show | None = None,
+    gnss: bool = True,
+    trucks: Callable[[float], tuple[Occluder, ...]] | None = None,
+) -> Iterator[Record]:
+    """Drive east at 20 m/s past signs in metres; `show(sign, distance, bearing, rng)` says what is detected."""
+    rng = np.random.default_rng(seed)
+    yield Odometry(0.0, SPEED, yaw_rate=0.0)
+    for step in range(1, round(seconds * 10)):
+        t = step / 10
+        if gnss and step % 10 == 0:
+            lon, lat = FRAME.to_geographic([SPEED * t + rng.normal(), rng.normal()])
+            yield GnssFix(t, float(lon), float(lat), 1.5)
+        if trucks:
+            yield ObjectFrame(t, "camera", trucks(t))
+        items = []
+        for index, (x, y) in enumerate(signs):
+            distance, bearing = np.hypot(x - SPEED * t, y), np.arctan2(y, x - SPEED * t)
+            if 2 < distance < 80 and abs(bearing) < np.deg2rad(20):
+                detection = (
+                    show(index, distance, bearing, rng)
+                    if show
+                    else (seen(distance, bearing, rng) if rng.random() < 0.9 else None)
+                )
+                if detection:
+                    items.append(detection)
+        yield DetectionFrame(t, "camera", tuple(items))
+
+
+def run(
+    features: list[MapFeature], records: Iterator[Record], seed: int = 0, **settings: float
+) -> tuple[SlamcuFilter, list[PassReport]]:
+    car = SlamcuFilter(
+        HDMap(features, MapIdentity("road", "1")),
+        HEADER,
+        FilterParameters(**settings),  # type: ignore[arg-type]  # numbers by name
+        rng=np.random.default_rng(seed),
+    )
+    reports = [report for record in records for report in car.feed(record)]
+    return car, reports + car.finish()
+
+
+def states(car: SlamcuFilter) -> dict[int | None, str]:
+    return {f.feature.object_id if f.feature else None: f.state for f in car.features()}
+
+
+def test_normal_deleted_and_new_are_told_apart_and_the_new_sign_is_placed() -> None:
+    features = [feature(1, 100.0, 6.0), feature(2, 160.0, -6.0), feature(3, 900.0, 6.0)]
+    car, reports = run(features, drive([(100.0, 6.0), (140.0, 7.0)]))
+    assert states(car) == {1: "normal", 2: "deleted", 3: "normal", None: "new"}
+    found = next(f for f in car.features() if f.feature is None)
+    assert np.hypot(*(FRAME.to_local(found.lon, found.lat) - [140.0, 7.0])) < 1.5
+    assert {r.status for r in reports} == {
+        DetectionStatus.EXPECTED_AND_DETECTED,
+        DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE,
+        DetectionStatus.NOT_EXPECTED_AND_DETECTED,
+    }
+    never = next(f for f in car.features() if f.feature and f.feature.object_id == 3)
+    assert (never.passes, never.masses.exists) == (0, pytest.approx(0.95))
+
+
+@pytest.mark.parametrize("outlier", [None, 4])
+def test_figure_8_deletion_from_the_map_and_one_outlier_changes_nothing(outlier: int | None) -> None:
+    looks = 0
+
+    def show(_: int, distance: float, bearing: float, rng: np.random.Generator) -> Detection | None:
+        nonlocal looks
+        looks += 1
+        return seen(distance, bearing, rng) if looks == outlier else None
+
+    car, _ = run([feature(1, 100.0, 8.0)], drive([(100.0, 8.0)], show=show), correlation_time_s=0.0)
+    assert states(car)[1] == "deleted"
+    assert looks > 10
+
+
+@pytest.mark.parametrize("outlier", [None, 4])
+def test_figure_8_creation_from_nothing_and_one_outlier_changes_nothing(outlier: int | None) -> None:
+    looks = 0
+
+    def show(_: int, distance: float, bearing: float, rng: np.random.Generator) -> Detection | None:
+        nonlocal looks
+        looks += 1
+        return None if looks == outlier else seen(distance, bearing, rng)
+
+    car, _ = run([], drive([(100.0, 8.0)], show=show), correlation_time_s=0.0)
+    assert states(car) == {None: "new"}
+
+
+def test_a_report_carries_the_pass_and_never_the_prior_of_the_map() -> None:
+    reports = [
+        run([feature(1, 100.0, 6.0, existence_confidence=prior)], drive([(100.0, 6.0)]))[1][0] for prior in (0.5, 0.95)
+    ]
+    assert reports[0].weight_for == pytest.approx(reports[1].weight_for, rel=0.05)
+    assert reports[0].frames_detected > 20
+    assert reports[0].reference is not None
+    assert reports[0].reference.object_id == 1
+    assert reports[0].started_at < reports[0].ended_at
+
+
+def test_a_pass_ends_five_seconds_after_the_feature_left_the_view() -> None:
+    car = SlamcuFilter(HDMap([feature(1, 60.0, 6.0)]), HEADER, rng=np.random.default_rng(0))
+    closed = [(record.t, report) for record in drive([(60.0, 6.0)]) for report in car.feed(record)]
+    assert len(closed) == 1
+    t, report = closed[0]
+    gap = t - (report.ended_at - HEADER.start_time).total_seconds()
+    assert 5.0 <= gap <= 5.2
+    assert car.finish() == []
+
+
+def test_a_sign_behind_a_truck_is_blocked_not_missed() -> None:
+    def truck(_: float) -> tuple[Occluder, ...]:
+        return (Occluder(range=8.0, bearing=0.0, width=9.0),)
+
+    car, reports = run([feature(1, 100.0, 6.0)], drive([(100.0, 6.0)], show=lambda *_: None, trucks=truck))
+    assert states(car)[1] == "normal"
+    assert [r.status for r in reports] == [DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_BLOCKED]
+    assert reports[0].weight_against < 0.3
+    assert reports[0].frames_blocked > 10
+
+
+@pytest.mark.parametrize("lorry_speed", [22.0, 20.0, 18.0])
+def test_a_sign_painted_on_a_lorry_is_never_new(lorry_speed: float) -> None:
+    rng = np.random.default_rng(3)
+
+    def records() -> Iterator[Record]:
+        yield Odometry(0.0, SPEED, yaw_rate=0.0)
+        for step in range(1, 100):
+            distance = 40.0 + (lorry_speed - SPEED) * step / 10
+            yield DetectionFrame(step / 10, "camera", (seen(distance, 0.05, rng),))
+
+    car, reports = run([], records())
+    assert "new" not in states(car).values()
+    assert reports == []
+
+
+def test_a_watch_feature_is_reported_seen_or_missed_and_never_localized_on() -> None:
+    watched = [feature(7, 100.0, 6.0, tile_id=-5), feature(8, 150.0, -6.0, tile_id=-5)]
+    _, reports = run(watched, drive([(100.0, 6.0)]))
+    outcome = {r.reference.object_id: r for r in reports if r.reference}
+    assert outcome[7].status is DetectionStatus.EXPECTED_AND_DETECTED
+    assert outcome[8].status is DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE
+    assert all(r.reference and r.reference.watched for r in reports)
+    # a watch feature 4 m off its real place pulls the pose nowhere
+    plain, _ = run([], drive([], gnss=False))
+    biased, _ = run([feature(7, 104.0, 6.0, tile_id=-5)], drive([(100.0, 6.0)], gnss=False))
+    shift = FRAME.to_local(biased.pose.lon, biased.pose.lat) - FRAME.to_local(plain.pose.lon, plain.pose.lat)
+    assert abs(shift[0]) < 1.0
+
+
+def test_another_sign_at_the_mapped_place_does_not_confirm_the_mapped_one() -> None:
+    def show(_: int, distance: float, bearing: float, rng: np.random.Generator) -> Detection:
+        return seen(distance, bearing, rng, sign="SPEED_LIMIT", value="80")
+
+    mapped = feature(1, 100.0, 6.0, sign="SPEED_LIMIT", value="130")
+    car, _ = run([mapped], drive([(100.0, 6.0)], show=show))
+    assert states(car) == {1: "deleted", None: "new"}
+    found = next(f for f in car.features() if f.feature is None)
+    assert (found.sign, found.value) == ("SPEED_LIMIT", "80")
+
+
+def test_equal_seeds_give_equal_drives_and_other_seeds_do_not() -> None:
+    def outcome(seed: int) -> list[object]:
+        car, reports = run([feature(1, 100.0, 6.0)], drive([(100.0, 6.0), (140.0, 7.0)]), seed=seed)
+        return [car.pose, car.features(), reports]
+
+    assert outcome(4) == outcome(4)
+    assert outcome(4) != outcome(5)
+
+
+def test_the_map_corrects_a_wrong_start() -> None:
+    start = InitialPose(
+        float(FRAME.to_geographic([-2.0, 1.5])[0]), float(FRAME.to_geographic([-2.0, 1.5])[1]), 90.0, 2.0, 1.0
+    )
+    header = DriveHeader("veh", "s", HEADER.start_time, start, (CAMERA,))
+    signs = [(60.0 + 40.0 * i, 6.0 * (-1) ** i) for i in range(10)]
+    car = SlamcuFilter(HDMap([feature(i + 1, *s) for i, s in enumerate(signs)]), header, rng=np.random.default_rng(1))
+    for record in drive(signs, 20.0, gnss=False):
+        car.feed(record)
+    error = FRAME.to_local(car.pose.lon, car.pose.lat) - [SPEED * car.pose.t, 0.0]
+    assert np.hypot(*error) < 1.0
+
+
+def test_a_long_drive_moves_its_frame_along_without_a_jump() -> None:
+    car = SlamcuFilter(HDMap([]), HEADER, FilterParameters(particles=20), rng=np.random.default_rng(1))
+    car.feed(Odometry(0.0, 40.0, yaw_rate=0.0))
+    places = []
+    for t in range(1, 1000):
+        car.feed(DetectionFrame(float(t), "camera"))
+        places.append((car.pose.lon, car.pose.lat))
+    assert car.pose.lon > 2.5
+    for before, after in pairwise(places):
+        step = LocalFrame(*before).to_local(*after)
+        assert 30.0 < np.hypot(*step) < 50.0
+
+
+BEFORE = [Odometry(1.0, SPEED, yaw_rate=0.0), DetectionFrame(1.5, "camera")]
+
+
+@pytest.mark.parametrize(
+    ("record", "message"),
+    [
+        (Odometry(0.5, SPEED, yaw_rate=0.0), "time runs backwards"),
+        (Odometry(float("nan"), SPEED, yaw_rate=0.0), "time runs backwards"),
+        (DetectionFrame(1.5, "camera"), "two frames"),
+        (DetectionFrame(2.0, "lidar"), "sensor 'lidar' is not in the header"),
+        (DetectionFrame(2.0, "camera", (Detection("traffic_sign", x=1.0, y=1.0),)), "range and bearing"),
+        (Odometry(2.0, SPEED, steering=0.1), "wheelbase_m"),
+        (Odometry(2.0, SPEED), "yaw_rate or steering"),
+    ],
+    ids=["backwards", "nan", "twice", "unknown sensor", "wrong measurement", "no wheelbase", "no turn"],
+)
+def test_a_bad_record_is_refused_by_name_and_changes_nothing(record: Record, message: str) -> None:
+    def car() -> SlamcuFilter:
+        made = SlamcuFilter(HDMap([]), HEADER, rng=np.random.default_rng(0))
+        for good in BEFORE:
+            made.feed(good)
+        return made
+
+    tried, untouched = car(), car()
+    with pytest.raises(SlamcuError, match=message):
+        tried.feed(record)
+    after = [DetectionFrame(3.0, "camera"), Odometry(4.0, SPEED, yaw_rate=0.1)]
+    for good in after:
+        assert tried.feed(good) == untouched.feed(good)
+    assert tried.pose == untouched.pose
+
+
+def test_settings_out_of_range_are_refused_by_name() -> None:
+    with pytest.raises(SlamcuError, match="particles"):
+        FilterParameters(particles=1)
+    with pytest.raises(SlamcuError, match="pass_gap_s"):
+        FilterParameters(pass_gap_s=-1.0)
+
+
+def test_evidence_of_a_frame_is_tempered_by_the_time_since_the_last() -> None:
+    car, reports = run([feature(1, 100.0, 6.0)], drive([(100.0, 6.0)]), correlation_time_s=0.3)
+    expected = float(support(0.9)) * reports[0].frames_detected / 3.0
+    assert reports[0].weight_for == pytest.approx(expected, rel=1e-6)
+    assert car.health.trusted

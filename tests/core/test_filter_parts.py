@@ -1,0 +1,125 @@
+"""The operations of section 5: EKF (16), weights (17-19), resampling (20), and the one-to-one assignment (4.3.1)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.optimize import linear_sum_assignment
+from scipy.stats import multivariate_normal
+
+from slamcu_core.drive import Sensor
+from slamcu_core.filter import ekf
+from slamcu_core.filter.assignment import assign
+from slamcu_core.filter.particles import Particles
+from slamcu_core.filter.resampling import resample, systematic
+from slamcu_core.filter.weighting import combine, gaussian_log_likelihood, robust_log_likelihood
+from slamcu_core.models import MotionNoise, SensorModel
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def _covariance(rng: np.random.Generator) -> np.ndarray:
+    root = rng.normal(size=(2, 2))
+    return root @ root.T + 0.05 * np.eye(2)
+
+
+@given(SEEDS)
+def test_the_update_of_eq_16_is_bayes_rule_for_gaussians(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    covariance, jacobian, noise = _covariance(rng), rng.normal(size=(2, 2)), rng.uniform(0.1, 2.0, 2)
+    mean, innovation = rng.normal(size=2), rng.normal(size=2)
+    moved, spread = ekf.update(mean, covariance, jacobian, innovation, noise)
+    information = np.linalg.inv(covariance) + jacobian.T @ np.diag(1 / noise) @ jacobian
+    np.testing.assert_allclose(spread, np.linalg.inv(information), rtol=1e-6, atol=1e-9)
+    expected = mean + np.linalg.solve(information, jacobian.T @ (innovation / noise))
+    np.testing.assert_allclose(moved, expected, rtol=1e-6, atol=1e-9)
+
+
+def test_covariances_stay_positive_definite_over_ten_thousand_updates() -> None:
+    model, pose = SensorModel(Sensor("camera", bearing_std_rad=1e-4)), np.array([0.0, 0.0, 0.1])
+    mean, covariance = np.array([40.0, 3.0]), 100.0 * np.eye(2)
+    for _ in range(10_000):
+        h = model.feature_jacobian(pose, mean)
+        mean, covariance = ekf.update(mean, covariance, h, np.zeros(2), model.noise(model.predict(pose, mean)))
+    assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
+
+
+@given(SEEDS)
+def test_the_likelihoods_of_eq_17_and_18_are_normalised_gaussians(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    covariance, innovation = _covariance(rng), rng.normal(size=2)
+    expected = multivariate_normal(np.zeros(2), covariance).logpdf(innovation)
+    assert gaussian_log_likelihood(innovation, covariance) == pytest.approx(expected, rel=1e-9)
+
+
+def test_weights_multiply_over_all_measurements_and_an_outlier_is_floored() -> None:
+    log_likelihoods = np.array([[-1.0, -2.0], [-3.0, -4.0]])
+    np.testing.assert_allclose(combine(np.array([0.5, 0.0]), log_likelihoods, 1.0), [-2.5, -7.0])
+    np.testing.assert_allclose(combine(np.zeros(2), log_likelihoods, 0.5), [-1.5, -3.5])
+    floored = robust_log_likelihood(np.array([-1e6]), log_clutter=-5.0, outlier_share=0.02)
+    np.testing.assert_allclose(floored, np.log(0.02) - 5.0)
+
+
+@given(arrays(float, st.integers(1, 60), elements=st.floats(1e-6, 1.0)), SEEDS)
+def test_systematic_resampling_draws_each_particle_its_share_rounded(raw: np.ndarray, seed: int) -> None:
+    weights = raw / raw.sum()
+    counts = np.bincount(systematic(weights, np.random.default_rng(seed)), minlength=len(weights))
+    share = len(weights) * weights
+    assert counts.sum() == len(weights)
+    assert np.all((counts >= np.floor(share - 1e-9)) & (counts <= np.ceil(share + 1e-9)))
+
+
+def test_resampling_is_unbiased() -> None:
+    rng = np.random.default_rng(5)
+    weights = np.array([0.05, 0.1, 0.2, 0.65])
+    counts = sum(np.bincount(systematic(weights, rng), minlength=4) for _ in range(20_000))
+    np.testing.assert_allclose(counts / counts.sum(), weights, atol=2e-3)
+
+
+def _cloud(count: int, rng: np.random.Generator) -> Particles:
+    return Particles.sample(count, 1, position_std=2.0, heading=3.1, heading_std=0.2, noise=MotionNoise(), rng=rng)
+
+
+def test_effective_number_is_m_for_even_weights_and_one_for_a_single_survivor() -> None:
+    particles = _cloud(50, np.random.default_rng(0))
+    assert particles.effective == pytest.approx(50.0)
+    particles.log_weight[:] = -1e4
+    particles.log_weight[7] = 0.0
+    assert particles.effective == pytest.approx(1.0)
+
+
+def test_resampling_waits_for_degeneracy_and_then_evens_the_weights() -> None:
+    rng = np.random.default_rng(1)
+    particles = _cloud(100, rng)
+    assert not resample(particles, 0.5, 0.2, rng)
+    particles.log_weight = -0.5 * (particles.state[:, 0] / 0.2) ** 2
+    assert resample(particles, 0.5, 0.2, rng)
+    assert particles.effective == pytest.approx(100.0)
+
+
+def test_the_jitter_keeps_mean_and_covariance_across_the_wrap_of_the_heading() -> None:
+    rng = np.random.default_rng(2)
+    particles = _cloud(40_000, rng)
+    particles.log_weight = -0.5 * (particles.state[:, 0] - 2.0) ** 2
+    mean, covariance = particles.mean_state()
+    assert resample(particles, 1.0, 0.4, rng)
+    after_mean, after_covariance = particles.mean_state()
+    std = np.sqrt(np.diag(covariance))
+    np.testing.assert_array_less(np.abs(after_mean - mean) / std, 0.03)
+    np.testing.assert_allclose(after_covariance / np.outer(std, std), covariance / np.outer(std, std), atol=0.05)
+
+
+@given(SEEDS, st.integers(1, 7), st.integers(0, 8))
+def test_the_assignment_is_the_best_one_to_one(seed: int, detections: int, features: int) -> None:
+    rng = np.random.default_rng(seed)
+    score = rng.normal(1.0, 2.0, (detections, features))
+    score[rng.random(score.shape) < 0.3] = -np.inf
+    chosen = assign(score)
+    pairs = [(d, f) for d, f in enumerate(chosen.tolist()) if f >= 0]
+    assert len({f for _, f in pairs}) == len(pairs)
+    gain = np.concatenate([np.maximum(score, 0.0), np.zeros((detections, detections))], axis=1)
+    rows, columns = linear_sum_assignment(gain, maximize=True)
+    assert sum(score[d, f] for d, f in pairs) == pytest.approx(gain[rows, columns].sum())
