@@ -1,0 +1,229 @@
+"""A small town on a real database: a map, cars that report, and what the service makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import pytest
+from slamcu_core.aggregation import Policy
+from slamcu_core.geometry import LocalFrame
+from slamcu_core.hd_map import MapIdentity
+from slamcu_core.reports import DetectionStatus, Health, MapReference, MeasuredPosition, PassReport, ReportMessage
+from slamcu_core.sensoris import serialize_message
+from slamcu_server.aggregation.worker import BATCH_SIZE, drain
+from slamcu_server.ingest.message_log import LogEntry, PostgresMessageLog
+from sqlalchemy import text
+from sqlalchemy.ext.asyncio import AsyncEngine
+
+FULL = 3.0  # weight of a pass that leaves no doubt (λ = 0.95)
+FRAME = LocalFrame(2.1, 48.9)
+START = datetime(2026, 5, 1, 8, tzinfo=UTC)
+
+
+def at(hours: float) -> datetime:
+    return START + timedelta(hours=hours)
+
+
+def place(x: float, y: float, std_m: float = 0.5) -> MeasuredPosition:
+    """A place in metres east and north of the middle of the town."""
+    lon, lat = FRAME.to_geographic((x, y))
+    return MeasuredPosition(float(lon), float(lat), (std_m**2, 0.0, std_m**2))
+
+
+@dataclass
+class Town:
+    """The town; `signs` of its map stand at given metres from its middle, with object ids from 1."""
+
+    engine: AsyncEngine
+    policy: Policy = field(default_factory=Policy)
+    source: str = "town"
+    map_id: int = 0
+    _cars: dict[str, int] = field(default_factory=dict)
+    _messages: dict[tuple[str, str], int] = field(default_factory=dict)
+
+    async def rows(self, query: str, **parameters: Any) -> list[Any]:
+        async with self.engine.begin() as connection:
+            return list(await connection.execute(text(query), parameters))
+
+    async def do(self, statement: str, **parameters: Any) -> None:
+        async with self.engine.begin() as connection:
+            await connection.execute(text(statement), parameters)
+
+    async def scalar(self, query: str, **parameters: Any) -> Any:
+        return (await self.rows(query, **parameters))[0][0]
+
+    async def import_map(self, signs: Sequence[tuple[float, float]] = ((0.0, 0.0),)) -> None:
+        async with self.engine.begin() as connection:
+            found = await connection.execute(
+                text("INSERT INTO maps (source, current_sequence, next_object_id) VALUES (:s, 1, :n) RETURNING id"),
+                {"s": self.source, "n": len(signs) + 1},
+            )
+            self.map_id = found.scalar_one()
+            await connection.execute(
+                text("INSERT INTO map_versions (map_id, sequence, version, origin) VALUES (:m, 1, '2026.05', 'import')"),
+                {"m": self.map_id},
+            )
+            for number, (x, y) in enumerate(signs, 1):
+                where = place(x, y)
+                await connection.execute(
+                    text("""
+                    WITH f AS (INSERT INTO features (map_id, object_id) VALUES (:m, :o) RETURNING id)
+                    INSERT INTO feature_versions (feature_id, from_sequence, map_id, feature_class, sign,
+                        existence_confidence, position_std_m, geom)
+                    SELECT id, 1, :m, 'traffic_sign', 'SPEED_LIMIT', 0.95, 0.15,
+                        ST_SetSRID(ST_MakePoint(:lon, :lat), 4326) FROM f"""),
+                    {"m": self.map_id, "o": number, "lon": where.lon, "lat": where.lat},
+                )
+
+    async def account(self, car: str) -> int:
+        if car not in self._cars:
+            self._cars[car] = await self.scalar(
+                "INSERT INTO accounts (role, label) VALUES ('vehicle', :label) RETURNING id", label=car
+            )
+        return self._cars[car]
+
+    async def report(
+        self,
+        car: str,
+        *passes: PassReport,
+        session: str = "s",
+        message_id: int | None = None,
+        version: str = "2026.05",
+        trusted: bool = True,
+    ) -> None:
+        """Log one message, as the ingest does."""
+        number = message_id or self._messages.get((car, session), 0) + 1
+        self._messages[car, session] = number
+        report = ReportMessage(
+            session_id=session,
+            message_id=number,
+            passes=passes,
+            map_identity=MapIdentity(self.source, version),
+            health=Health(trusted=trusted),
+        )
+        await self.log(car, session, number, serialize_message(report))
+
+    async def log(self, car: str, session: str, message_id: int, body: bytes) -> None:
+        account = await self.account(car)
+        async with self.engine.begin() as connection:
+            await PostgresMessageLog(connection).append(account, [LogEntry(session, message_id, body)])
+
+    async def fuse(self, batch_size: int = BATCH_SIZE) -> None:
+        await drain(self.engine, self.policy, batch_size)
+        waiting = await self.scalar("SELECT count(*) FROM messages WHERE state = 'pending'")
+        assert waiting == 0
+
+    async def candidates(self) -> list[Any]:
+        return await self.rows(
+            "SELECT * FROM candidates WHERE merged_into IS NULL AND feature_id IS NULL ORDER BY id"
+        )
+
+    async def feature_state(self, object_id: int) -> Any:
+        found = await self.rows(
+            "SELECT s.* FROM feature_states s JOIN features f ON f.id = s.feature_id WHERE f.object_id = :o",
+            o=object_id,
+        )
+        return found[0] if found else None
+
+    async def changes(self) -> list[Any]:
+        return await self.rows("SELECT * FROM changes ORDER BY id")
+
+    async def entries(self) -> list[Any]:
+        return await self.rows("SELECT sequence, change_id, kind, state, revision FROM change_entries ORDER BY sequence")
+
+
+def seen(object_id: int, hours: float, weight: float = FULL, watched: bool = False) -> PassReport:
+    """A mapped (or watched) sign that was seen where it should be."""
+    return PassReport(
+        at(hours),
+        at(hours) + timedelta(seconds=5),
+        DetectionStatus.EXPECTED_AND_DETECTED,
+        weight_for=weight,
+        weight_against=0.0,
+        sign="SPEED_LIMIT",
+        reference=MapReference(-1 if watched else 1, object_id),
+        frames_detected=50,
+    )
+
+
+def missed(object_id: int, hours: float, weight: float = FULL, watched: bool = False) -> PassReport:
+    """A mapped (or watched) sign that was looked for and not there."""
+    return replace(
+        seen(object_id, hours, watched=watched),
+        status=DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE,
+        weight_for=0.0,
+        weight_against=weight,
+        frames_detected=0,
+        frames_missed=50,
+    )
+
+
+def blocked(object_id: int, hours: float) -> PassReport:
+    """A mapped sign behind a lorry; its weights would count if it were taken for a miss."""
+    return replace(
+        missed(object_id, hours),
+        status=DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_BLOCKED,
+        weight_against=0.0,
+        frames_missed=0,
+        frames_blocked=50,
+    )
+
+
+def find(x: float, y: float, hours: float, weight: float = FULL, std_m: float = 0.5, **changes: Any) -> PassReport:
+    """A sign that the map does not have."""
+    made = PassReport(
+        at(hours),
+        at(hours) + timedelta(seconds=5),
+        DetectionStatus.NOT_EXPECTED_AND_DETECTED,
+        weight_for=weight,
+        weight_against=0.0,
+        sign="STOP_SIGN",
+        position=place(x, y, std_m),
+        frames_detected=50,
+    )
+    return replace(made, **changes)
+
+
+def find_missed(x: float, y: float, hours: float, weight: float = FULL) -> PassReport:
+    """A car's own find that it looked for again in vain."""
+    return find(
+        x,
+        y,
+        hours,
+        status=DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE,
+        weight=0.0,
+        weight_against=weight,
+        frames_detected=0,
+        frames_missed=50,
+    )
+
+
+class Reports:
+    """The makers of passes, for tests."""
+
+    FULL = FULL
+    at = staticmethod(at)
+    place = staticmethod(place)
+    seen = staticmethod(seen)
+    missed = staticmethod(missed)
+    blocked = staticmethod(blocked)
+    find = staticmethod(find)
+    find_missed = staticmethod(find_missed)
+
+
+@pytest.fixture(scope="session")
+def reports() -> type[Reports]:
+    return Reports
+
+
+@pytest.fixture
+async def town(engine: AsyncEngine) -> Town:
+    """A town with one mapped sign in its middle."""
+    made = Town(engine)
+    await made.import_map()
+    return made
+
+

@@ -1,0 +1,137 @@
+"""What becomes of reports: the law of evidence over real passes in a real database."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.anyio
+
+
+async def test_three_cars_that_miss_a_sign_delete_it(town: Any, reports: Any) -> None:
+    for number in range(3):
+        await town.report(f"car-{number}", reports.missed(1, hours=number))
+    await town.fuse()
+    state = await town.feature_state(1)
+    assert state.contributors_against == 3
+    assert state.looked == 3
+    for number in range(3, 6):
+        await town.report(f"car-{number}", reports.missed(1, hours=number))
+    await town.fuse()
+    assert (await town.feature_state(1)).standing
+    [change] = await town.changes()
+    assert (change.kind, change.state) == ("deleted", "confirmed")
+    assert change.document["map_object_id"] == 1
+
+
+async def test_two_cars_that_see_a_new_sign_confirm_it(town: Any, reports: Any) -> None:
+    await town.report("a", reports.find(30, 0, hours=0))
+    await town.fuse()
+    [change] = await town.changes()
+    assert (change.kind, change.state) == ("new", "candidate")
+    await town.report("b", reports.find(30.5, 0.2, hours=1))
+    await town.fuse()
+    [candidate] = await town.candidates()
+    assert candidate.standing
+    assert candidate.contributors_for == 2
+    assert candidate.sign == "STOP_SIGN"
+    [change] = await town.changes()
+    assert (change.state, change.revision) == ("confirmed", 2)
+    assert [entry.sequence for entry in await town.entries()] == [1, 2]
+
+
+async def test_one_car_never_decides(town: Any, reports: Any) -> None:
+    for number in range(100):
+        await town.report("liar", reports.find(30, 0, hours=2 * number), reports.missed(1, hours=2 * number))
+    await town.fuse()
+    [candidate] = await town.candidates()
+    assert candidate.contributors_for == 1
+    assert not candidate.standing
+    assert not (await town.feature_state(1)).standing
+    assert {change.state for change in await town.changes()} == {"candidate"}
+
+
+async def test_what_cannot_count_is_kept_and_counts_nothing(town: Any, reports: Any) -> None:
+    for number in range(4):
+        await town.report(f"blind-{number}", reports.blocked(1, hours=number))
+        await town.report(f"lost-{number}", reports.missed(1, hours=number), reports.find(30, 0, hours=number), trusted=False)
+        await town.report(f"crossed-{number}", reports.find(60, 0, hours=number, valid=False))
+    await town.fuse()
+    state = await town.feature_state(1)
+    assert (state.weight_against, state.looked, state.blocked) == (0.0, 0, 4)
+    assert await town.candidates() == []
+    assert await town.changes() == []
+    assert await town.scalar("SELECT count(*) FROM passes") == 16
+
+
+async def test_a_find_that_is_missed_again_counts_against_its_candidate(town: Any, reports: Any) -> None:
+    await town.report("a", reports.find(30, 0, hours=0))
+    await town.report("b", reports.find_missed(30, 0.5, hours=1), reports.find_missed(300, 0, hours=1))
+    await town.fuse()
+    [candidate] = await town.candidates()
+    assert candidate.weight_against > 0
+    assert candidate.contributors_against == 1
+    assert await town.scalar("SELECT count(*) FROM passes WHERE candidate_id IS NULL") == 1
+
+
+async def test_liars_are_unmade_by_cars_that_watch(town: Any, reports: Any) -> None:
+    for liar in ("liar-1", "liar-2"):
+        await town.report(liar, reports.find(30, 0, hours=0))
+    await town.fuse()
+    [candidate] = await town.candidates()
+    assert candidate.standing
+    for number in range(3):
+        await town.report(f"honest-{number}", reports.missed(candidate.id, hours=1 + number, watched=True))
+    await town.fuse()
+    [candidate] = await town.candidates()
+    assert not candidate.standing
+    assert candidate.contributors_against == 3
+    [change] = await town.changes()
+    assert change.state == "withdrawn"
+    # the evidence turns once more: the same change goes on
+    for number in range(4):
+        await town.report(f"later-{number}", reports.seen(candidate.id, hours=10 + number, watched=True))
+    await town.fuse()
+    assert [entry.state for entry in await town.entries()] == ["confirmed", "withdrawn", "confirmed"]
+    assert len({entry.change_id for entry in await town.entries()}) == 1
+
+
+async def test_signs_of_different_kinds_are_different_candidates(town: Any, reports: Any) -> None:
+    for car in ("a", "b"):
+        await town.report(car, reports.find(30, 0, hours=0), reports.find(30.5, 0, hours=0, sign="YIELD"))
+    await town.fuse()
+    assert sorted(row.sign for row in await town.candidates()) == ["STOP_SIGN", "YIELD"]
+
+
+async def test_unreadable_messages_are_put_aside_alone(town: Any, reports: Any) -> None:
+    await town.report("a", reports.missed(1, hours=0))
+    await town.log("broken", "s", 1, b"\xff\xff no protobuf")
+    await town.report("lost", reports.missed(1, hours=0), version="never imported")
+    await town.report("dreamer", reports.missed(99, hours=0))
+    await town.report("b", reports.missed(1, hours=1))
+    await town.fuse()
+    rows = await town.rows(
+        "SELECT a.label, m.error FROM messages m JOIN accounts a ON a.id = account_id WHERE state = 'quarantined'"
+    )
+    reasons = {row.label: row.error for row in rows}
+    assert reasons.keys() == {"broken", "lost", "dreamer"}
+    assert "never imported" in reasons["lost"]
+    assert "99" in reasons["dreamer"]
+    assert (await town.feature_state(1)).contributors_against == 2
+
+
+async def test_a_message_that_breaks_the_fold_does_not_hold_up_the_others(town: Any, reports: Any) -> None:
+    await town.do("ALTER TABLE passes ADD CONSTRAINT injected CHECK (fleet_id <> '' OR frames_missed <> 7)")
+    await town.report("a", reports.missed(1, hours=0))
+    bad = reports.missed(1, hours=1)
+    await town.report("poison", type(bad)(**{**_fields(bad), "frames_missed": 7}))
+    await town.report("b", reports.missed(1, hours=2))
+    await town.fuse()
+    [row] = await town.rows("SELECT error FROM messages WHERE state = 'quarantined'")
+    assert "injected" in row.error
+    assert (await town.feature_state(1)).contributors_against == 2
+
+
+def _fields(report: Any) -> dict[str, Any]:
+    return {name: getattr(report, name) for name in report.__dataclass_fields__}
