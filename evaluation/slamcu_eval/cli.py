@@ -15,7 +15,12 @@ import typer
 from slamcu_core.errors import SlamcuError
 from slamcu_eval.console import error_console
 
-COMMANDS: tuple[str, ...] = ("slamcu_eval.commands.paper", "slamcu_eval.commands.bench")
+COMMANDS: tuple[str, ...] = (
+    "slamcu_eval.commands.simulate",
+    "slamcu_eval.commands.score",
+    "slamcu_eval.commands.paper",
+    "slamcu_eval.commands.bench",
+)
 
 
 def build_app() -> typer.Typer:

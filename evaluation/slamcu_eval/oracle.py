@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.drive import Sensor
+from slamcu_core.formats.results import ChangeState
 from slamcu_core.geometry import wrap_angle
-from slamcu_eval.highway import Drive, Truth, World
+from slamcu_eval.highway import Drive, World
 
 Array = NDArray[np.float64]
 
@@ -58,16 +59,16 @@ def single_sighting_errors(world: World, drive: Drive) -> Array:
     return np.asarray(np.linalg.norm(places - _truth(world, seen.source[real]), axis=1))
 
 
-def oracle_errors(world: World, drive: Drive, truth: Truth = Truth.NEW) -> dict[int, float]:
-    """Return how far (m) least squares with the true poses misses each sign of a kind that a drive detected.
+def oracle_errors(world: World, drive: Drive, truth: ChangeState | None = ChangeState.NEW) -> dict[int, float]:
+    """Return how far (m) least squares with the true poses misses each sign that a drive detected.
 
-    Keys are indices into `World.signs`.
+    Only signs of one kind, or of every kind if `truth` is None. Keys are indices into `World.signs`.
     """
     sensor = drive.header.sensors[0]
     seen = drive.sightings
     errors = {}
     for index in np.unique(seen.source[seen.source >= 0]).tolist():
-        if world.signs[index].truth is truth:
+        if truth is None or world.signs[index].truth is truth:
             rows = seen.source == index
             place = place_by_least_squares(seen.camera[rows], seen.range[rows], seen.bearing[rows], sensor)
             errors[index] = float(np.linalg.norm(place - _truth(world, np.array([index]))[0]))

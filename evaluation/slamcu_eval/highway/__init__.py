@@ -9,14 +9,13 @@ from typing import Any
 
 from slamcu_eval.highway.drive import Drive, Reference, Sightings, make_drive
 from slamcu_eval.highway.parameters import HighwayParameters
-from slamcu_eval.highway.world import Truth, World, WorldSign, make_world
+from slamcu_eval.highway.world import World, WorldSign, make_world
 
 __all__ = [
     "Drive",
     "HighwayParameters",
     "Reference",
     "Sightings",
-    "Truth",
     "World",
     "WorldSign",
     "make_drive",

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.errors import SlamcuError
+from slamcu_core.formats.results import ChangeState
 from slamcu_core.geometry import LocalFrame, math_to_compass
 from slamcu_core.hd_map import HDMap, MapFeature, MapIdentity
 from slamcu_eval.highway.parameters import WorldParameters
@@ -21,23 +21,14 @@ Place = tuple[float, float]
 _CLEAR_M = 150.0  # no sign closer than this to either end: every sign can be passed whole
 _GAP_M = 25.0  # along the road between signs that do not belong together
 _FIRST_OBJECT_ID = 1001
-
-
-class Truth(StrEnum):
-    """What has become of a feature since the map was made."""
-
-    NORMAL = "normal"
-    DELETED = "deleted"
-    NEW = "new"
-    MOVED = "moved"
-    MODIFIED = "modified"
+_KINDS = tuple(kind for kind in ChangeState if kind is not ChangeState.UNCLASSIFIED)
 
 
 @dataclass(frozen=True, slots=True)
 class WorldSign:
     """One sign, as the world has it and as the map has it; None where it has none."""
 
-    truth: Truth
+    truth: ChangeState
     heading: float  # rad; the way its face looks
     place: Place | None  # m in the world's frame
     sign: str | None
@@ -80,10 +71,11 @@ def make_world(seed: int, parameters: WorldParameters | None = None) -> World:
     rng = np.random.default_rng(np.random.SeedSequence([seed, 0]))
     frame = LocalFrame(p.anchor_lon, p.anchor_lat)
     road = make_road(p.length_m, p.min_radius_m, rng)
-    truths = [truth for truth in Truth for _ in range(getattr(p, truth.value))]
+    truths = [truth for truth in _KINDS for _ in range(getattr(p, truth.value))]
     truths = [truths[i] for i in rng.permutation(len(truths))]
     sites = _draw_sites(len(truths), p, rng)
     signs: list[WorldSign] = []
+    mapped = 0
     for truth, (s, offset, content) in zip(truths, sites, strict=True):
         signs.append(
             _draw_history(
@@ -94,9 +86,10 @@ def make_world(seed: int, parameters: WorldParameters | None = None) -> World:
                 road=road,
                 p=p,
                 rng=rng,
-                object_id=_FIRST_OBJECT_ID + len(signs),
+                object_id=_FIRST_OBJECT_ID + mapped,
             )
         )
+        mapped += truth is not ChangeState.NEW  # ids without gaps: the map must not tell where it lacks signs
     standing = np.array([i for i, sign in enumerate(signs) if sign.place is not None], dtype=np.intp)
     places = np.array([signs[i].place for i in standing], float).reshape(-1, 2)
     lanes = tuple((lane - (p.lanes - 1) / 2) * p.lane_width_m for lane in range(p.lanes))
@@ -137,7 +130,7 @@ def _draw_sites(
 
 
 def _draw_history(
-    truth: Truth,
+    truth: ChangeState,
     *,
     s: float,
     offset: float,
@@ -150,13 +143,13 @@ def _draw_history(
     """Draw what the map has of a sign and what the world has now."""
     now = then = _point(road, s, offset)
     old = content
-    if truth is Truth.MOVED:
+    if truth is ChangeState.MOVED:
         then = _point(road, s + rng.choice([-1.0, 1.0]) * rng.uniform(5.0, 25.0), offset + rng.normal(0.0, 0.5))
-    if truth is Truth.MODIFIED:
+    if truth is ChangeState.MODIFIED:
         old = draw_other_sign(content, rng)
     error = rng.normal(0.0, p.map_error_std_m, 2)
-    mapped = truth is not Truth.NEW
-    stands = truth is not Truth.DELETED
+    mapped = truth is not ChangeState.NEW
+    stands = truth is not ChangeState.DELETED
     return WorldSign(
         truth=truth,
         heading=float(road.heading_at(s) + np.pi),

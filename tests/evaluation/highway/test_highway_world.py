@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from slamcu_eval.highway import Drive, HighwayParameters, Truth, World, make_world
+from slamcu_eval.highway import Drive, HighwayParameters, World, make_world
 from slamcu_eval.highway.parameters import WorldParameters
 from slamcu_eval.highway.road import make_road
 from slamcu_eval.highway.traffic import Neighbour
 
+from slamcu_core.formats.results import ChangeState
 from slamcu_core.geometry import wrap_angle
 
 Drives = list[tuple[World, Drive]]
+KINDS = ("normal", "deleted", "new", "moved", "modified")
 
 
 def test_the_default_world_is_the_papers(motorway_drives: Drives) -> None:
@@ -31,20 +33,20 @@ def test_the_default_world_is_the_papers(motorway_drives: Drives) -> None:
 @settings(max_examples=25, deadline=None)
 @given(
     st.integers(0, 2**31),
-    st.fixed_dictionaries({truth.value: st.integers(0, 12) for truth in Truth}),
+    st.fixed_dictionaries({kind: st.integers(0, 12) for kind in KINDS}),
 )
 def test_counts_are_kept_and_each_kind_differs_from_the_map_as_its_name_says(seed: int, counts: dict[str, int]) -> None:
     world = make_world(seed, HighwayParameters().having(length_m=6_000.0, **counts).world)
     assert {kind: n for kind, n in counts.items() if n} == dict(Counter(s.truth.value for s in world.signs))
     for sign in world.signs:
-        assert (sign.place is None) == (sign.truth is Truth.DELETED)
-        assert (sign.map_object_id is None) == (sign.map_place is None) == (sign.truth is Truth.NEW)
+        assert (sign.place is None) == (sign.truth is ChangeState.DELETED)
+        assert (sign.map_object_id is None) == (sign.map_place is None) == (sign.truth is ChangeState.NEW)
         if sign.place is None or sign.map_place is None:
             continue
         apart = np.hypot(sign.place[0] - sign.map_place[0], sign.place[1] - sign.map_place[1])
-        assert (apart > 4.0) == (sign.truth is Truth.MOVED)
+        assert (apart > 4.0) == (sign.truth is ChangeState.MOVED)
         same = (sign.sign, sign.value) == (sign.map_sign, sign.map_value)
-        assert same == (sign.truth is not Truth.MODIFIED)
+        assert same == (sign.truth is not ChangeState.MODIFIED)
 
 
 def test_the_map_is_wrong_by_10_to_15_cm(motorway_drives: Drives) -> None:
@@ -53,7 +55,7 @@ def test_the_map_is_wrong_by_10_to_15_cm(motorway_drives: Drives) -> None:
             np.subtract(sign.place, sign.map_place)
             for world, _ in motorway_drives
             for sign in world.signs
-            if sign.truth is Truth.NORMAL
+            if sign.truth is ChangeState.NORMAL
         ]
     )
     assert 0.10 <= errors.std() <= 0.15
