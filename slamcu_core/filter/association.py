@@ -37,13 +37,13 @@ def marginalise(model: SensorModel, predicted: Array, weights: Array, extra: Arr
 
 
 def associate(
-    model: SensorModel, measurements: Array, noise: Array, marginal: Marginal, log_prior: Array, gate: float
+    model: SensorModel, detections: tuple[Array, Array], marginal: Marginal, log_prior: Array, gate: float
 ) -> tuple[NDArray[np.intp], Array]:
     """Assign D detections to F features, one to one.
 
     Parameters
     ----------
-    measurements, noise : (D, 2) measurements and variances of R.
+    detections : (D, 2) measurements, and (D, 2) variances of R.
     marginal : predicted measurements of the features.
     log_prior : (D, F) log of how likely the feature shows itself, with the fit of class, sign and value; -inf where
         a detection cannot be that feature.
@@ -53,6 +53,7 @@ def associate(
     -------
     The feature of each detection or -1, (D,), and the normalised innovations squared, (D, F).
     """
+    measurements, noise = detections
     nu = model.innovation(measurements[:, None, :], marginal.mean[None, :, :])
     covariance = np.repeat(marginal.covariance[None], len(measurements), axis=0)
     covariance[..., 0, 0] += noise[:, None, 0]

@@ -1,4 +1,4 @@
-"""What is constantly wrong given a particle's path, estimated by scalar Kalman filters: GNSS bias, sensor calibration."""
+"""What is constantly wrong given a particle's path, by scalar Kalman filters: GNSS bias and sensor calibration."""
 
 from __future__ import annotations
 

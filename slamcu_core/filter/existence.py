@@ -49,9 +49,7 @@ def add_misses(
     _cap(table, rows, parameters.evidence_cap)
 
 
-def detectability(
-    table: FeatureTable, rows: NDArray[np.intp], nominal: float, concentration: float
-) -> Array:
+def detectability(table: FeatureTable, rows: NDArray[np.intp], nominal: float, concentration: float) -> Array:
     """Return P_D of rows in their open pass, given how the pass has gone so far.
 
     Misses come in bursts: a feature that faces away or stands behind a bush is missed in every frame of a pass. So P_D

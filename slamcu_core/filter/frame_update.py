@@ -62,63 +62,6 @@ def read_detections(model: SensorModel, items: tuple[Detection, ...], names: Voc
     )
 
 
-def look(
-    model: SensorModel,
-    table: FeatureTable,
-    rows: Index,
-    particles: Particles,
-    weights: Array,
-    mean_pose: Array,
-    calibration: SensorCalibration,
-    occluders: tuple[Occluder, ...],
-) -> View:
-    """Predict what the sensor should see of the given rows."""
-    pose = particles.pose[:, None, :]
-    own = table.kind[rows] == Kind.NEW
-    points = np.empty((len(particles), len(rows), 2))
-    points[:] = table.xy[rows]
-    slots = table.slot[rows[own]]
-    points[:, own] = particles.mean[:, slots]
-    distance, bearing = model.polar(pose, points)
-    scale = particles.calibration[:, 0, None]
-    if model.has_bearing:
-        predicted = np.stack([distance * (1.0 + scale), bearing + particles.calibration[:, 1, None]], axis=-1)
-    else:
-        predicted = model.predict(pose, points) * (1.0 + scale[..., None])
-    centre = np.einsum("k,kfi->fi", weights, points)
-    covariance = table.covariance[rows]
-    covariance[own] = np.einsum("k,klij->lij", weights, particles.covariance[:, slots])
-    jacobian = model.feature_jacobian(mean_pose, centre)
-    mean_distance = weights @ distance
-    extra = ekf.innovation_covariance(jacobian, covariance, calibration.measurement_variance(mean_distance))
-    marginal = marginalise(model, predicted, weights, extra)
-    visible = visibility_probability(model.sensor, distance, bearing, weights)
-    hidden = np.zeros(len(rows))
-    if occluders:
-        _, mean_bearing = model.polar(mean_pose, centre)
-        spread = np.sqrt(marginal.covariance[:, 1, 1]) if model.has_bearing else np.full(len(rows), 0.01)
-        hidden = occlusion_probability(occluders, mean_distance, mean_bearing, spread)
-    return View(rows, points, distance, predicted, visible, hidden, marginal)
-
-
-def pre_associate(
-    model: SensorModel, table: FeatureTable, view: View, seen: Seen, parameters: FilterParameters
-) -> tuple[Index, Array]:
-    """Assign detections to features by likelihood, one to one (section 4.3.1); return columns (D,) or -1, and NIS.
-
-    A detection read as another sign or value than the map's is not a confirmation of it, however near it is.
-    """
-    e, _, u = existence.masses(table, view.rows)
-    shows = view.visible * (1.0 - view.hidden)
-    log_prior = np.log(np.maximum((e + 0.5 * u) * np.maximum(shows, 0.05), 1e-3))[None, :]
-    signs, values = table.sign[view.rows], table.value[view.rows]
-    other_sign = (seen.sign[:, None] != signs) & (seen.sign[:, None] > 0) & (signs > 0)
-    other_value = (seen.value[:, None] != values) & (seen.value[:, None] > 0) & (values > 0)
-    fits = (seen.feature_class[:, None] == table.feature_class[view.rows]) & ~other_sign & ~other_value
-    log_prior = np.where(fits, log_prior, -np.inf)
-    return associate(model, seen.measurement, seen.noise, view.marginal, log_prior, parameters.gate)
-
-
 def pass_variance(distance: Array, parameters: FilterParameters) -> Array:
     """Return the variances (..., 2) of what is constant within a pass: a scale of range, and a bearing."""
     return np.stack(
@@ -126,71 +69,118 @@ def pass_variance(distance: Array, parameters: FilterParameters) -> Array:
     )
 
 
-def weigh_and_update(
-    model: SensorModel,
-    table: FeatureTable,
-    view: View,
-    seen: Seen,
-    pairs: list[tuple[int, int]],
-    usable: NDArray[np.bool_],
-    particles: Particles,
-    calibration: SensorCalibration,
-    parameters: FilterParameters,
-    share: float,
-) -> None:
-    """Weigh the particles by usable pairs (eq. 17-19), then update new features (eq. 16) and the calibration.
+@dataclass(frozen=True, slots=True)
+class FrameUpdate:
+    """The operations of one sensor's frames on the rows and particles of one drive."""
 
-    Parameters
-    ----------
-    pairs : (detection, column of the view) of all associated detections.
-    usable : for each pair whether its feature is Normal or New (section 4.3.4).
-    """
-    detections = np.array([d for d, _ in pairs], dtype=np.intp)
-    columns = np.array([c for _, c in pairs], dtype=np.intp)
-    rows = view.rows[columns]
-    own = table.kind[rows] == Kind.NEW
-    slots = table.slot[rows]
-    innovation = model.innovation(seen.measurement[detections], view.predicted[:, columns])
-    jacobian = model.feature_jacobian(particles.pose[:, None, :], view.points[:, columns])
-    covariance = np.empty((len(particles), len(pairs), 2, 2))
-    covariance[:] = table.covariance[rows]
-    covariance[:, own] = particles.covariance[:, slots[own]]
-    noise = np.broadcast_to(seen.noise[detections], innovation.shape)
-    distance = view.distance[:, columns]
-    if usable.any():
-        # Q = H Σ Hᵀ + R with Σ from before the update, of map features and new ones alike (errata to 17 and 18).
-        # What is constant within a pass does not average out over its n looks: it counts n times.
-        looks = 1.0 + table.looks_hit[rows[usable]]
-        common = pass_variance(distance[:, usable], parameters)
-        repeated = np.where(own[usable], 1.0, looks)
-        q = ekf.innovation_covariance(
-            jacobian[:, usable],
-            covariance[:, usable] * repeated[:, None, None],
-            noise[:, usable] + calibration.measurement_variance(distance[:, usable]) + looks[:, None] * common,
-        )
-        likelihood = weighting.robust_log_likelihood(
-            weighting.gaussian_log_likelihood(innovation[:, usable], q),
-            float(np.log(model.clutter_density)),
-            parameters.outlier_share,
-        )
-        particles.log_weight = weighting.combine(particles.log_weight, likelihood, share)
-    if own.any():
-        particles.mean[:, slots[own]], particles.covariance[:, slots[own]] = ekf.update(
-            particles.mean[:, slots[own]],
-            particles.covariance[:, slots[own]],
-            jacobian[:, own],
-            innovation[:, own],
-            noise[:, own] / share,
-        )
-    if model.has_bearing:
-        mapped = usable & (table.kind[rows] == Kind.MAP)
-        for index in np.flatnonzero(mapped):
-            place = np.einsum("kij,jl,kil->ki", jacobian[:, index], table.covariance[rows[index]], jacobian[:, index])
-            calibration.update(
-                particles,
-                innovation[:, index],
-                distance[:, index],
-                seen.noise[detections[index]] / share
-                + (1.0 + table.looks_hit[rows[index]])
-                * (place.mean(axis=0) + pass_variance(distance[:, index], parameters).mean(axis=0)),
+    model: SensorModel
+    table: FeatureTable
+    particles: Particles
+    calibration: SensorCalibration
+    parameters: FilterParameters
+
+    def look(self, rows: Index, weights: Array, mean_pose: Array, occluders: tuple[Occluder, ...]) -> View:
+        """Predict what the sensor should see of the given rows."""
+        pose = self.particles.pose[:, None, :]
+        own = self.table.kind[rows] == Kind.NEW
+        points = np.empty((len(self.particles), len(rows), 2))
+        points[:] = self.table.xy[rows]
+        slots = self.table.slot[rows[own]]
+        points[:, own] = self.particles.mean[:, slots]
+        distance, bearing = self.model.polar(pose, points)
+        scale = self.particles.calibration[:, 0, None]
+        if self.model.has_bearing:
+            predicted = np.stack([distance * (1.0 + scale), bearing + self.particles.calibration[:, 1, None]], axis=-1)
+        else:
+            predicted = self.model.predict(pose, points) * (1.0 + scale[..., None])
+        centre = np.einsum("k,kfi->fi", weights, points)
+        covariance = self.table.covariance[rows]
+        covariance[own] = np.einsum("k,klij->lij", weights, self.particles.covariance[:, slots])
+        jacobian = self.model.feature_jacobian(mean_pose, centre)
+        mean_distance = weights @ distance
+        extra = ekf.innovation_covariance(jacobian, covariance, self.calibration.measurement_variance(mean_distance))
+        marginal = marginalise(self.model, predicted, weights, extra)
+        visible = visibility_probability(self.model.sensor, distance, bearing, weights)
+        hidden = np.zeros(len(rows))
+        if occluders:
+            _, mean_bearing = self.model.polar(mean_pose, centre)
+            spread = np.sqrt(marginal.covariance[:, 1, 1]) if self.model.has_bearing else np.full(len(rows), 0.01)
+            hidden = occlusion_probability(occluders, mean_distance, mean_bearing, spread)
+        return View(rows, points, distance, predicted, visible, hidden, marginal)
+
+    def pre_associate(self, view: View, seen: Seen) -> tuple[Index, Array]:
+        """Assign detections to features by likelihood, one to one (section 4.3.1); return columns (D,) or -1, and NIS.
+
+        A detection read as another sign or value than the map's is not a confirmation of it, however near it is.
+        """
+        e, _, u = existence.masses(self.table, view.rows)
+        shows = view.visible * (1.0 - view.hidden)
+        log_prior = np.log(np.maximum((e + 0.5 * u) * np.maximum(shows, 0.05), 1e-3))[None, :]
+        signs, values = self.table.sign[view.rows], self.table.value[view.rows]
+        other_sign = (seen.sign[:, None] != signs) & (seen.sign[:, None] > 0) & (signs > 0)
+        other_value = (seen.value[:, None] != values) & (seen.value[:, None] > 0) & (values > 0)
+        fits = (seen.feature_class[:, None] == self.table.feature_class[view.rows]) & ~other_sign & ~other_value
+        log_prior = np.where(fits, log_prior, -np.inf)
+        return associate(self.model, (seen.measurement, seen.noise), view.marginal, log_prior, self.parameters.gate)
+
+    def weigh_and_update(
+        self, view: View, seen: Seen, pairs: list[tuple[int, int]], usable: NDArray[np.bool_], share: float
+    ) -> None:
+        """Weigh the particles by usable pairs (eq. 17-19), then update new features (eq. 16) and the calibration.
+
+        Parameters
+        ----------
+        pairs : (detection, column of the view) of all associated detections.
+        usable : for each pair whether its feature is Normal or New (section 4.3.4).
+        """
+        detections = np.array([d for d, _ in pairs], dtype=np.intp)
+        columns = np.array([c for _, c in pairs], dtype=np.intp)
+        rows = view.rows[columns]
+        own = self.table.kind[rows] == Kind.NEW
+        slots = self.table.slot[rows]
+        innovation = self.model.innovation(seen.measurement[detections], view.predicted[:, columns])
+        jacobian = self.model.feature_jacobian(self.particles.pose[:, None, :], view.points[:, columns])
+        covariance = np.empty((len(self.particles), len(pairs), 2, 2))
+        covariance[:] = self.table.covariance[rows]
+        covariance[:, own] = self.particles.covariance[:, slots[own]]
+        noise = np.broadcast_to(seen.noise[detections], innovation.shape)
+        distance = view.distance[:, columns]
+        if usable.any():
+            # Q = H Σ Hᵀ + R with Σ from before the update, of map features and new ones alike (errata to 17 and 18).
+            # What is constant within a pass does not average out over its n looks: it counts n times.
+            looks = 1.0 + self.table.looks_hit[rows[usable]]
+            common = pass_variance(distance[:, usable], self.parameters)
+            repeated = np.where(own[usable], 1.0, looks)
+            q = ekf.innovation_covariance(
+                jacobian[:, usable],
+                covariance[:, usable] * repeated[:, None, None],
+                noise[:, usable] + self.calibration.measurement_variance(distance[:, usable]) + looks[:, None] * common,
             )
+            likelihood = weighting.robust_log_likelihood(
+                weighting.gaussian_log_likelihood(innovation[:, usable], q),
+                float(np.log(self.model.clutter_density)),
+                self.parameters.outlier_share,
+            )
+            self.particles.log_weight = weighting.combine(self.particles.log_weight, likelihood, share)
+        if own.any():
+            self.particles.mean[:, slots[own]], self.particles.covariance[:, slots[own]] = ekf.update(
+                self.particles.mean[:, slots[own]],
+                self.particles.covariance[:, slots[own]],
+                jacobian[:, own],
+                innovation[:, own],
+                noise[:, own] / share,
+            )
+        if self.model.has_bearing:
+            mapped = usable & (self.table.kind[rows] == Kind.MAP)
+            for index in np.flatnonzero(mapped):
+                place = np.einsum(
+                    "kij,jl,kil->ki", jacobian[:, index], self.table.covariance[rows[index]], jacobian[:, index]
+                )
+                self.calibration.update(
+                    self.particles,
+                    innovation[:, index],
+                    distance[:, index],
+                    seen.noise[detections[index]] / share
+                    + (1.0 + self.table.looks_hit[rows[index]])
+                    * (place.mean(axis=0) + pass_variance(distance[:, index], self.parameters).mean(axis=0)),
+                )

@@ -20,7 +20,7 @@ from slamcu_core.filter.calibration import GnssBias, SensorCalibration
 from slamcu_core.filter.ekf import birth_covariance
 from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
 from slamcu_core.filter.existence import State
-from slamcu_core.filter.frame_update import Seen, View, look, pre_associate, read_detections, weigh_and_update
+from slamcu_core.filter.frame_update import FrameUpdate, Seen, View, read_detections
 from slamcu_core.filter.health import HealthMonitor
 from slamcu_core.filter.neighbourhood import Neighbourhood
 from slamcu_core.filter.parameters import FilterParameters
@@ -43,6 +43,7 @@ class _Sensor:
     """A sensor at work."""
 
     model: SensorModel
+    update: FrameUpdate
     classes: frozenset[int]
     last_frame: float = -np.inf
     occluders: tuple[Occluder, ...] = ()
@@ -74,10 +75,6 @@ class SlamcuFilter:
         self._map, self._header, self._rng = hd_map, header, rng
         start = header.initial_pose
         self._names = Vocabulary()
-        self._sensors = {
-            sensor.id: _Sensor(SensorModel(sensor), frozenset(self._names.code(c) for c in sensor.classes))
-            for sensor in header.sensors
-        }
         self._particles = Particles.sample(
             self.parameters.particles,
             self.parameters.max_new,
@@ -93,6 +90,7 @@ class SlamcuFilter:
         self._reporter = PassReporter(self._table, hd_map, header.start_time, self._names)
         self._gnss = GnssBias(self.parameters)
         self._calibration = SensorCalibration(self.parameters)
+        self._sensors = {sensor.id: self._install(SensorModel(sensor)) for sensor in header.sensors}
         self._monitor = HealthMonitor()
         self._time = 0.0
         self._speed = 0.0
@@ -102,6 +100,10 @@ class SlamcuFilter:
         self._open: set[int] = set()
         self._spare: list[int] = []  # rows of dropped finds, to be used again
         self._votes: dict[int, Counter[tuple[int, int]]] = {}
+
+    def _install(self, model: SensorModel) -> _Sensor:
+        update = FrameUpdate(model, self._table, self._particles, self._calibration, self.parameters)
+        return _Sensor(model, update, frozenset(self._names.code(name) for name in model.sensor.classes))
 
     # --- what comes in ---------------------------------------------------------------------------------------------
 
@@ -182,9 +184,7 @@ class SlamcuFilter:
         if len(rows) or len(record.items):
             weights = self._particles.weights
             occluders = sensor.occluders if record.t - sensor.occluders_at < 0.2 else ()
-            view = look(
-                sensor.model, self._table, rows, self._particles, weights, mean_state[:3], self._calibration, occluders
-            )
+            view = sensor.update.look(rows, weights, mean_state[:3], occluders)
             self._manage(sensor, view, seen, share, mean_state[:3])
             self._resample()
         gone = [row for row in self._open if record.t - self._table.pass_last[row] > self.parameters.pass_gap_s]
@@ -208,7 +208,7 @@ class SlamcuFilter:
 
     def _manage(self, sensor: _Sensor, view: View, seen: Seen, share: float, pose: Array) -> None:
         table, parameters, t = self._table, self.parameters, self._time
-        columns, squares = pre_associate(sensor.model, table, view, seen, parameters)
+        columns, squares = sensor.update.pre_associate(view, seen)
         pairs = [(d, int(c)) for d, c in enumerate(columns) if c >= 0]
         for detection, column in pairs:
             # noise by the expected range: by the measured one, short readings would weigh more than long ones
@@ -244,18 +244,7 @@ class SlamcuFilter:
             int((hit & mapped).sum()),
         )
         if pairs:
-            weigh_and_update(
-                sensor.model,
-                table,
-                view,
-                seen,
-                pairs,
-                usable,
-                self._particles,
-                self._calibration,
-                parameters,
-                share,
-            )
+            sensor.update.weigh_and_update(view, seen, pairs, usable, share)
         table.looks_hit[hit_rows] += share
         self._drop_refuted(view.rows)
         for alone in np.flatnonzero(columns < 0).tolist():

@@ -98,7 +98,9 @@ class FeatureTable:
     track: Array
 
     def __init__(self) -> None:
-        self._store: dict[str, NDArray[Any]] = {name: np.zeros((64, *shape), kind) for name, (kind, shape) in _COLUMNS.items()}
+        self._store: dict[str, NDArray[Any]] = {
+            name: np.zeros((64, *shape), kind) for name, (kind, shape) in _COLUMNS.items()
+        }
         self._size = 0
         self._bind()
 

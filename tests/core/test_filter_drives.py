@@ -54,6 +54,7 @@ def seen(distance: float, bearing: float, rng: np.random.Generator, **more: obje
 def drive(
     signs: list[tuple[float, float]],
     seconds: float = 12.0,
+    *,
     seed: int = 0,
     show: Show | None = None,
     gnss: bool = True,
