@@ -8,15 +8,16 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import pytest
+from slamcu_server.aggregation.worker import BATCH_SIZE, drain
+from slamcu_server.ingest.message_log import LogEntry, PostgresMessageLog
+from sqlalchemy import text
+from sqlalchemy.ext.asyncio import AsyncEngine
+
 from slamcu_core.aggregation import Policy
 from slamcu_core.geometry import LocalFrame
 from slamcu_core.hd_map import MapIdentity
 from slamcu_core.reports import DetectionStatus, Health, MapReference, MeasuredPosition, PassReport, ReportMessage
 from slamcu_core.sensoris import serialize_message
-from slamcu_server.aggregation.worker import BATCH_SIZE, drain
-from slamcu_server.ingest.message_log import LogEntry, PostgresMessageLog
-from sqlalchemy import text
-from sqlalchemy.ext.asyncio import AsyncEngine
 
 FULL = 3.0  # weight of a pass that leaves no doubt (λ = 0.95)
 FRAME = LocalFrame(2.1, 48.9)
@@ -63,7 +64,9 @@ class Town:
             )
             self.map_id = found.scalar_one()
             await connection.execute(
-                text("INSERT INTO map_versions (map_id, sequence, version, origin) VALUES (:m, 1, '2026.05', 'import')"),
+                text(
+                    "INSERT INTO map_versions (map_id, sequence, version, origin) VALUES (:m, 1, '2026.05', 'import')"
+                ),
                 {"m": self.map_id},
             )
             for number, (x, y) in enumerate(signs, 1):
@@ -117,9 +120,7 @@ class Town:
         assert waiting == 0
 
     async def candidates(self) -> list[Any]:
-        return await self.rows(
-            "SELECT * FROM candidates WHERE merged_into IS NULL AND feature_id IS NULL ORDER BY id"
-        )
+        return await self.rows("SELECT * FROM candidates WHERE merged_into IS NULL AND feature_id IS NULL ORDER BY id")
 
     async def feature_state(self, object_id: int) -> Any:
         found = await self.rows(
@@ -132,7 +133,9 @@ class Town:
         return await self.rows("SELECT * FROM changes ORDER BY id")
 
     async def entries(self) -> list[Any]:
-        return await self.rows("SELECT sequence, change_id, kind, state, revision FROM change_entries ORDER BY sequence")
+        return await self.rows(
+            "SELECT sequence, change_id, kind, state, revision FROM change_entries ORDER BY sequence"
+        )
 
 
 def seen(object_id: int, hours: float, weight: float = FULL, watched: bool = False) -> PassReport:
@@ -225,5 +228,3 @@ async def town(engine: AsyncEngine) -> Town:
     made = Town(engine)
     await made.import_map()
     return made
-
-

@@ -55,7 +55,9 @@ async def test_one_car_never_decides(town: Any, reports: Any) -> None:
 async def test_what_cannot_count_is_kept_and_counts_nothing(town: Any, reports: Any) -> None:
     for number in range(4):
         await town.report(f"blind-{number}", reports.blocked(1, hours=number))
-        await town.report(f"lost-{number}", reports.missed(1, hours=number), reports.find(30, 0, hours=number), trusted=False)
+        await town.report(
+            f"lost-{number}", reports.missed(1, hours=number), reports.find(30, 0, hours=number), trusted=False
+        )
         await town.report(f"crossed-{number}", reports.find(60, 0, hours=number, valid=False))
     await town.fuse()
     state = await town.feature_state(1)

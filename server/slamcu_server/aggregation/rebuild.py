@@ -1,0 +1,116 @@
+"""Fold everything again from the stored passes.
+
+To check that what is believed is what was reported, or to make it so after the policy has changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from sqlalchemy import text
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
+
+from slamcu_core.aggregation import Policy
+from slamcu_server.aggregation import reads, writes
+from slamcu_server.aggregation.folding import fold_candidates, fold_features, partition
+from slamcu_server.aggregation.locks import lock_maps
+from slamcu_server.aggregation.policy import remember_policy
+from slamcu_server.aggregation.refold import Touched, refold
+from slamcu_server.changes import feed
+
+TOLERANCE = 1e-9
+
+
+async def rebuild(engine: AsyncEngine, policy: Policy) -> int:
+    """Fold everything under `policy` while workers and reviews wait, and return how many entries the feed got."""
+    async with engine.begin() as connection:
+        await lock_maps(connection)
+        await remember_policy(connection, policy)
+        refolded = await refold(connection, Touched(), None, policy)
+        entries = await feed.publish(connection, refolded.beliefs, refolded.merged, policy)
+        await feed.append(connection, entries)
+    return len(entries)
+
+
+async def differences(engine: AsyncEngine, policy: Policy) -> list[str]:
+    """Return where the stored beliefs are not, to 1e-9, the fold of the stored passes; changes nothing."""
+    async with engine.connect() as connection:
+        await connection.execution_options(isolation_level="REPEATABLE READ", postgresql_readonly=True)
+        async with connection.begin():
+            return [
+                *await _feature_differences(connection, policy),
+                *await _candidate_differences(connection, policy),
+            ]
+
+
+async def _feature_differences(connection: AsyncConnection, policy: Policy) -> list[str]:
+    passes = await reads.passes_over_features(connection, None)
+    features = await reads.features(connection, passes.keys())
+    summaries = fold_features(features.values(), passes, policy)
+    wanted = {
+        key: {**writes.belief_row(summary, policy.version), "looked": summary.looked, "blocked": summary.blocked}
+        for key, summary in summaries.items()
+    }
+    stored = await _stored(connection, "SELECT *, feature_id AS key FROM feature_states")
+    # A feature that review made has a state, its prior, before anybody reports on it.
+    silent = {key for key, row in stored.items() if row["passes"] == 0 and key not in wanted}
+    return list(_compare("feature", wanted, {key: row for key, row in stored.items() if key not in silent}))
+
+
+async def _candidate_differences(connection: AsyncConnection, policy: Policy) -> list[str]:
+    passes = await reads.all_clustering_passes(connection)
+    known = await reads.candidates_founded_by(connection, (item.id for item in passes))
+    parts = partition(passes, {key: item.id for key, item in known.items()}, policy)
+    watched = await reads.passes_over_watches(connection, parts.watch_ids)
+    folds = fold_candidates(parts, watched, policy)
+    found = list[str]()
+    wanted: dict[int, writes.Row] = {}
+    for one in folds:
+        key = one.membership.candidate_id
+        if key is None:
+            found.append(f"pass {one.membership.founder.id} founds a candidate that is not stored")
+            continue
+        wanted[key] = writes.candidate_row(one, policy.version)
+        # An id stays with the pass that founded it, though an earlier one may have come late.
+        del wanted[key]["founding_pass"]
+        found += [
+            f"pass {item.id} counts for candidate {item.candidate_id}, not for {key}"
+            for item in one.passes
+            if item.candidate_id != key
+        ]
+    found += [
+        f"candidate {item.id} is part of {item.merged_into}, not of {parts.merged.get(item.id)}"
+        for item in known.values()
+        if item.merged_into != parts.merged.get(item.id)
+    ]
+    found += [f"pass {item.id} counts for a candidate" for item in parts.alone if item.candidate_id is not None]
+    stored = await _stored(
+        connection,
+        """SELECT *, id AS key, ST_X(geom) AS lon, ST_Y(geom) AS lat FROM candidates
+        WHERE merged_into IS NULL AND feature_id IS NULL""",
+    )
+    return [*found, *_compare("candidate", wanted, stored)]
+
+
+async def _stored(connection: AsyncConnection, query: str) -> dict[int, dict[str, Any]]:
+    return {row["key"]: {**row} for row in (await connection.execute(text(query))).mappings()}
+
+
+def _compare(
+    what: str, wanted: Mapping[int, Mapping[str, object]], stored: Mapping[int, Mapping[str, Any]]
+) -> Iterator[str]:
+    for key in sorted(wanted.keys() ^ stored.keys()):
+        yield f"{what} {key} is {'not stored' if key in wanted else 'stored without any pass'}"
+    for key in sorted(wanted.keys() & stored.keys()):
+        for name in _unequal(wanted[key], stored[key]):
+            yield f"{what} {key}: {name} is {stored[key][name]!r}, the fold gives {wanted[key][name]!r}"
+
+
+def _unequal(wanted: Mapping[str, object], stored: Mapping[str, Any]) -> Iterable[str]:
+    for name, value in wanted.items():
+        if isinstance(value, float):
+            if abs(value - stored[name]) > TOLERANCE * max(1.0, abs(value)):
+                yield name
+        elif value != stored[name]:
+            yield name
