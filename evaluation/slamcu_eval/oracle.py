@@ -25,11 +25,12 @@ def place_by_least_squares(camera: Array, distance: Array, bearing: Array, senso
     has wrong for good is not known to it and not estimated.
     """
     place = single_sightings(camera, distance, bearing).mean(axis=0)
-    range_std = sensor.range_std_m + sensor.range_std_rel * distance
     for _ in range(_ITERATIONS):
         delta = place - camera[:, :2]
         square = (delta**2).sum(axis=1)
         predicted = np.sqrt(square)
+        # Of the predicted range: weighing by the measured one would favour what came out short.
+        range_std = sensor.range_std_m + sensor.range_std_rel * predicted
         angle = wrap_angle(np.arctan2(delta[:, 1], delta[:, 0]) - camera[:, 2])
         residual = np.concatenate(
             [(distance - predicted) / range_std, wrap_angle(bearing - angle) / sensor.bearing_std_rad]

@@ -130,24 +130,32 @@ def run_drive(seed: int, drive: int, particles: int, parameters: HighwayParamete
 
 
 def run_drives(
-    drives: int, seed: int, particles: int, *, jobs: int = 1, done: Callable[[], None] = lambda: None
+    drives: int,
+    seed: int,
+    particles: int,
+    *,
+    jobs: int = 1,
+    parameters: HighwayParameters | None = None,
+    done: Callable[[], None] = lambda: None,
 ) -> list[Outcome]:
     """Run drives, `jobs` at a time, and return their outcomes in order; `done` is called after each."""
     if jobs <= 1:
-        return list(_one_by_one(drives, seed, particles, done))
+        return list(_one_by_one(drives, seed, particles, parameters, done))
     outcomes: dict[int, Outcome] = {}
     # Fresh interpreters: a forked copy of a process with threads (the progress bar has one) may hang.
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        waiting = {pool.submit(run_drive, seed, drive, particles): drive for drive in range(drives)}
+        waiting = {pool.submit(run_drive, seed, drive, particles, parameters): drive for drive in range(drives)}
         for future in as_completed(waiting):
             outcomes[waiting[future]] = future.result()
             done()
     return [outcomes[drive] for drive in range(drives)]
 
 
-def _one_by_one(drives: int, seed: int, particles: int, done: Callable[[], None]) -> Iterator[Outcome]:
+def _one_by_one(
+    drives: int, seed: int, particles: int, parameters: HighwayParameters | None, done: Callable[[], None]
+) -> Iterator[Outcome]:
     for drive in range(drives):
-        yield run_drive(seed, drive, particles)
+        yield run_drive(seed, drive, particles, parameters)
         done()
 
 
