@@ -12,6 +12,8 @@ from starlette.middleware.gzip import GZipMiddleware
 
 from slamcu_server import problems
 from slamcu_server.accounts.service import Authenticator
+from slamcu_server.aggregation.policy import load_policy
+from slamcu_server.aggregation.worker import run_worker
 from slamcu_server.metrics.instruments import Instruments
 from slamcu_server.middleware import LimitBody, Observe
 from slamcu_server.routes import ROUTERS
@@ -36,7 +38,11 @@ def create_app(settings: Settings, *, engine: AsyncEngine | None = None) -> Fast
     settings : its settings.
     engine : an open database of the right schema; without it the application opens that of the settings at its
         start and closes it at its end.
+
+    Raises FormatError if the aggregation policy of the settings cannot be used.
     """
+    if settings.embedded_worker:
+        load_policy(settings.policy_file)  # the worker would only learn when it starts, again and again
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -48,9 +54,10 @@ def create_app(settings: Settings, *, engine: AsyncEngine | None = None) -> Fast
             app.state.authenticator = Authenticator(used)
             app.state.worker = None
             if settings.embedded_worker:
-                from slamcu_server.aggregation.worker import run_worker  # noqa: PLC0415
-
-                app.state.worker = WorkerSupervisor(lambda stop: run_worker(used, settings, stop))
+                instruments: Instruments = app.state.instruments
+                app.state.worker = WorkerSupervisor(
+                    lambda stop: run_worker(used, settings, stop, instruments=instruments)
+                )
                 app.state.worker.start()
                 stack.push_async_callback(app.state.worker.stop, _WORKER_GRACE_S)
             yield

@@ -16,10 +16,12 @@ from rich.table import Table
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.errors import SlamcuError
+from slamcu_core.hd_map import MapIdentity
 from slamcu_server.accounts import repository as account_repository
 from slamcu_server.accounts import service as account_service
 from slamcu_server.accounts.schemas import IssuedKey, Role
 from slamcu_server.database import migrate as migrations
+from slamcu_server.maps import importer
 from slamcu_server.runtime import open_database
 from slamcu_server.settings import Settings
 
@@ -114,6 +116,56 @@ def migrate(data_dir: DataDir = None) -> None:
 
     asyncio.run(run())
     _say(f"the database is at revision {migrations.head()}")
+
+
+@app.command("rebuild")
+def rebuild(
+    check: Annotated[bool, typer.Option("--check", help="Only compare, and change nothing.")] = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Fold all evidence again from the stored passes, as after a change of policy; with --check, compare only.
+
+    Fails with --check if what is believed is not what was reported.
+    """
+    from slamcu_server.aggregation import policy, rebuild  # noqa: PLC0415  (the other commands start faster)
+
+    settings = Settings.load(data_dir=data_dir)
+    rules = policy.load_policy(settings.policy_file)
+
+    async def run() -> None:
+        async with open_database(settings, application_name="slamcu-cli") as engine:
+            if not check:
+                _say(f"folded under policy {rules.version}; {await rebuild.rebuild(engine, rules)} new change entries")
+            elif found := await rebuild.differences(engine, rules):
+                raise SlamcuError(f"{len(found)} beliefs differ from their passes; the first: {found[0]}")
+            else:
+                _say(f"what is believed is the fold of the stored passes under policy {rules.version}")
+
+    asyncio.run(run())
+
+
+@app.command("import-map")
+def import_map(
+    path: Annotated[Path, typer.Argument(metavar="FILE", help="An HD map in GeoJSON.")],
+    source: Annotated[str, typer.Option(help="The map's name, where the file does not say or says another.")] = "",
+    version: Annotated[str, typer.Option(help="Its version, likewise.")] = "",
+    data_dir: DataDir = None,
+) -> None:
+    """Make a GeoJSON file the first, or the next, version of the map that it names; all of it or nothing.
+
+    Features keep their identity through their ids: one that the map had before stays the same feature, with what
+    vehicles reported about it; one that is missing is no longer part of the map.
+    """
+    identity = MapIdentity(source, version)
+    done = _in_transaction(data_dir, lambda connection: importer.import_map(connection, path, identity=identity))
+    name = f"map {done.identity.source} version {done.identity.version}"
+    if done.unchanged:
+        _say(f"{name} is here already, with the same {done.features} features: nothing to do")
+        return
+    _say(
+        f"{name}: {done.features} features; "
+        f"{done.added} added, {done.changed} changed, {done.removed} removed since the version before"
+    )
 
 
 @app.command("create-key")

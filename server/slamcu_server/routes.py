@@ -5,9 +5,13 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from slamcu_server.health.endpoints import router as health
+from slamcu_server.ingest.endpoints import router as ingest
+from slamcu_server.maps.endpoints import router as maps
 from slamcu_server.metrics.endpoints import router as metrics
 
 ROUTERS: tuple[APIRouter, ...] = (
+    ingest,
+    maps,
     health,
     metrics,
 )

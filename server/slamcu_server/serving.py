@@ -15,6 +15,8 @@ from typing import Any
 import uvicorn
 
 from slamcu_core.errors import SlamcuError
+from slamcu_server.aggregation.policy import load_policy
+from slamcu_server.aggregation.worker import run_worker
 from slamcu_server.app import create_app
 from slamcu_server.runtime import WorkerSupervisor, open_database
 from slamcu_server.settings import Settings
@@ -75,9 +77,8 @@ async def serve(settings: Settings, *, ready: Callable[[str], None]) -> None:
 
 async def work(settings: Settings, *, ready: Callable[[], None]) -> None:
     """Aggregate reports until SIGTERM or SIGINT; raises SlamcuError if it cannot start."""
+    load_policy(settings.policy_file)  # the worker would only learn when it starts, again and again
     async with _stop_signal() as stop, open_database(settings, application_name="slamcu-worker") as engine:
-        from slamcu_server.aggregation.worker import run_worker  # noqa: PLC0415
-
         supervisor = WorkerSupervisor(lambda asked: run_worker(engine, settings, asked))
         supervisor.start()
         ready()

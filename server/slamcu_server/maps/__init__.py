@@ -1,0 +1,1 @@
+"""HD maps: import, versions, and the features that vehicles and providers fetch."""
