@@ -14,8 +14,10 @@ from slamcu_client.errors import (
     SessionError,
     TransportError,
 )
+from slamcu_client.map_cache import MapCache, MapSnapshot
 from slamcu_client.outbox import MessageKey, Outbox, OutboxMessage, OutboxStats, RejectedMessage, SessionState
 from slamcu_client.reporter import ReportPolicy
+from slamcu_client.results import result_features
 from slamcu_client.retry import RetryPolicy
 from slamcu_client.server import Server
 from slamcu_client.session import VehicleSession
@@ -28,6 +30,8 @@ __all__ = [
     "ClientError",
     "ConnectionSettingsError",
     "HttpxTransport",
+    "MapCache",
+    "MapSnapshot",
     "MapUnavailableError",
     "MessageKey",
     "Outbox",
@@ -49,4 +53,5 @@ __all__ = [
     "UploadResult",
     "Uploader",
     "VehicleSession",
+    "result_features",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 
+from slamcu_client.server import is_problem
 from slamcu_client.transport import Response
 
 
@@ -22,7 +23,8 @@ def read_receipt(response: Response, count: int) -> Receipt | None:
 
     A hotspot or proxy may answer 200 with a page of its own: taking that for a receipt would lose the batch.
     """
-    if response.status not in {200, 202}:
+    refused_all = response.status == 422 and is_problem(response)  # a problem document with the same members
+    if response.status not in {200, 202} and not refused_all:
         return None
     try:
         document = json.loads(response.content)

@@ -30,7 +30,7 @@ def check_record(record: Record, sensors: Mapping[str, Sensor], *, wheelbase_kno
 
     Raises SessionError naming the field and what was expected.
     """
-    _require(math.isfinite(record.t), "t", record.t, "a finite number of seconds")
+    _require(0.0 <= record.t < math.inf, "t", record.t, "seconds since the start of the drive")
     if isinstance(record, Odometry):
         _check_odometry(record, wheelbase_known=wheelbase_known)
     elif isinstance(record, GnssFix):

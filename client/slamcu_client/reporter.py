@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections import deque
 from collections.abc import Sequence
@@ -10,11 +11,12 @@ from datetime import datetime
 
 from slamcu_client.errors import OutboxError
 from slamcu_client.outbox import Encode, Outbox
-from slamcu_core.errors import SlamcuError
+from slamcu_core.errors import SlamcuError, WireError
 from slamcu_core.reports import Health, PassReport, ReportMessage
-from slamcu_core.sensoris import serialize_message
+from slamcu_core.sensoris import check_pass, serialize_message
 
 _RETRY_S = 1.0
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,7 @@ class Reporter:
         self._refusal: SlamcuError | None = None  # why a draft was given up
         self.reported = 0  # passes handed to the outbox
         self.repeated = 0  # passes that a run before this one has reported
+        self.unusable = 0  # passes that no server would take
         self.dropped = 0  # passes given up because the disk did not take them for too long
         self._thread = threading.Thread(target=self._store_drafts, name="slamcu-reporter", daemon=True)
         self._thread.start()
@@ -87,11 +90,18 @@ class Reporter:
             self.repeated += len(passes)
             return
         self._collect(passes, health)
-        if self._first_at is None:
+        if self._groups and self._first_at is None:
             self._first_at = t
 
     def _collect(self, passes: Sequence[PassReport], health: Health) -> None:
         for report in passes:
+            try:
+                check_pass(report)
+            except WireError as error:
+                # the server would refuse the whole message for it
+                _log.warning("a pass cannot be reported: %s", error)
+                self.unusable += 1
+                continue
             last = self._groups[-1] if self._groups else None
             # a message carries one verdict on the filter: what a lost one saw must not taint the rest
             if last is None or last.health.trusted != health.trusted or len(last.passes) >= self._policy.max_passes:
@@ -153,7 +163,9 @@ class Reporter:
             self._changed.notify_all()
             error, left = self._error, self._waiting_passes
         if not stored:
-            raise OutboxError(f"{left} passes could not be stored within {timeout_s:g} s ({error})") from error
+            raise OutboxError(
+                f"{left} passes could not be stored within {timeout_s:g} s ({error or 'no answer'})"
+            ) from error
         self._thread.join()
         if self._refusal is not None:
             raise self._refusal

@@ -24,9 +24,11 @@ from slamcu_core.drive import (
     Odometry,
     Record,
 )
+from slamcu_core.errors import SlamcuError, WireError
 from slamcu_core.filter import FeatureEstimate, FilterParameters, PoseEstimate, SlamcuFilter
 from slamcu_core.hd_map import HDMap
 from slamcu_core.reports import Health, ReportMessage
+from slamcu_core.sensoris import check_message
 
 _CLOSE_TIMEOUT_S = 30.0
 
@@ -75,7 +77,8 @@ class VehicleSession:
     A session that a crash cut short can be taken up again under its id: its message ids go on where they stopped, and
     what was reported is not reported again, even if a recorded log is driven from its start.
 
-    Raises SessionClosedError if the outbox knows the session as closed, OutboxError if the outbox cannot be read.
+    Raises SessionClosedError if the outbox knows the session as closed, SessionError if the header says what no report
+    could carry, OutboxError if the outbox cannot be read.
     """
 
     def __init__(
@@ -90,24 +93,24 @@ class VehicleSession:
         software_version: str = SOFTWARE_VERSION,
         report_policy: ReportPolicy | None = None,
     ) -> None:
-        if outbox is not None and outbox.session(header.session_id).closed:
-            raise SessionClosedError(f"session {header.session_id} is closed: a new drive needs a new session id")
         self._header = header
         self._sensors = {sensor.id: sensor for sensor in header.sensors}
-        self._filter = SlamcuFilter(
-            hd_map,
-            header,
-            FilterParameters() if parameters is None else parameters,
-            rng=np.random.default_rng(seed),
-        )
         template = ReportMessage(
             session_id=header.session_id,
-            message_id=0,
+            message_id=1,
             vehicle_id=header.vehicle_id,
             fleet_id=header.fleet_id,
             map_identity=hd_map.identity,
             sensor_model=",".join(self._sensors) if sensor_model is None else sensor_model,
             software_version=software_version,
+        )
+        if outbox is not None:
+            _check_start(template, header, outbox)
+        self._filter = SlamcuFilter(
+            hd_map,
+            header,
+            FilterParameters() if parameters is None else parameters,
+            rng=np.random.default_rng(seed),
         )
         self._reporter = None if outbox is None else Reporter(outbox, template, report_policy or ReportPolicy())
         self._t: float | None = None
@@ -146,7 +149,7 @@ class VehicleSession:
     def feed(self, record: Record) -> None:
         """Take one record of any kind.
 
-        Raises SessionError, before the filter has seen anything of it, if time runs backwards, the sensor is not in the
+        Raises SessionError, and the record counts for nothing, if time runs backwards, the sensor is not in the
         header or a value makes no sense, and SessionClosedError after `close`.
         """
         if self._closed:
@@ -157,7 +160,10 @@ class VehicleSession:
             raise SessionError(f"records come in order of time: {t} s cannot follow {self._t} s")
         if self._reporter is not None and self._t is not None and t > self._t:
             self._reporter.tick(t, self._instant(self._t))
-        passes = self._filter.feed(record)
+        try:
+            passes = self._filter.feed(record)
+        except SlamcuError as error:
+            raise SessionError(str(error)) from error
         self._t = t
         if passes:
             self._passes += len(passes)
@@ -222,3 +228,20 @@ class VehicleSession:
     def passes_dropped(self) -> int:
         """How many of them were given up because the disk failed for too long."""
         return 0 if self._reporter is None else self._reporter.dropped
+
+    @property
+    def passes_unusable(self) -> int:
+        """How many of them no server would take, such as one without a positive definite covariance."""
+        return 0 if self._reporter is None else self._reporter.unusable
+
+
+def _check_start(template: ReportMessage, header: DriveHeader, outbox: Outbox) -> None:
+    """Find out at the start of a drive, not at its end, that its reports could not be sent."""
+    if header.start_time.tzinfo is None:
+        raise SessionError("start_time needs a time zone")
+    try:
+        check_message(template)
+    except WireError as error:
+        raise SessionError(error.message) from error
+    if outbox.session(template.session_id).closed:
+        raise SessionClosedError(f"session {template.session_id} is closed: a new drive needs a new session id")

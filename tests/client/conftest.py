@@ -1,4 +1,4 @@
-"""A map server in a thread: real sockets, real HTTP, and faults on demand."""
+"""A map server in a thread (real sockets, real HTTP, faults on demand), and a drive to report to it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,18 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
+import numpy as np
 import pytest
 from slamcu_client import Server
 
+from slamcu_core.drive import Detection, DetectionFrame, DriveHeader, InitialPose, Odometry, Record, Sensor
+from slamcu_core.geometry import LocalFrame
+from slamcu_core.hd_map import HDMap, MapFeature, MapIdentity
 from slamcu_core.sensoris.proto.data_pb2 import DataMessage
 from slamcu_core.sensoris.wire import fields
 
@@ -100,7 +105,10 @@ class FakeServer(ThreadingHTTPServer):
             else:
                 rejected.append({"index": index, "reason": "ids-reused", "detail": "the same ids, other bytes"})
         self.duplicates += duplicates
-        return Answer(202, {"accepted": accepted, "duplicates": duplicates, "rejected": rejected})
+        receipt = {"accepted": accepted, "duplicates": duplicates, "rejected": rejected}
+        if rejected and not accepted and not duplicates:
+            return Answer(422, {"title": "Nothing accepted", **receipt}, {"Content-Type": "application/problem+json"})
+        return Answer(202, receipt)
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -196,3 +204,67 @@ def fake() -> Iterator[FakeServer]:
 def server(fake: FakeServer) -> Iterator[Server]:
     with Server(fake.url, KEY) as client:
         yield client
+
+
+# --- a drive to feed ------------------------------------------------------------------------------------------------
+
+SPACING_M, SPEED, RATE_HZ = 40.0, 25.0, 10.0
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A straight road to the east with a sign every 40 m, some of which are gone, and what a car sees on it."""
+
+    hd_map: HDMap
+    header: DriveHeader
+    records: tuple[Record, ...]
+    gone: frozenset[int]  # object ids
+    seconds: float
+
+
+def make_drive(signs: int = 12, session_id: str = "drive-1", seed: int = 5) -> Drive:
+    frame = LocalFrame(2.1, 48.9)
+    gone = frozenset(range(3, signs + 1, 5))
+    places = np.stack([30.0 + SPACING_M * np.arange(signs), np.full(signs, 4.0)], axis=-1)
+    lon, lat = frame.to_geographic(places)
+    hd_map = HDMap(
+        (
+            MapFeature(i + 1, float(lon[i]), float(lat[i]), sign="SPEED_LIMIT", value=str(50 + 10 * (i % 4)))
+            for i in range(signs)
+        ),
+        MapIdentity("test-road", "2026.05.1"),
+    )
+    header = DriveHeader(
+        vehicle_id="veh-007",
+        fleet_id="test",
+        session_id=session_id,
+        start_time=datetime(2026, 5, 1, 8, tzinfo=UTC),
+        initial_pose=InitialPose(2.1, 48.9, 90.0, position_std_m=0.5, heading_std_deg=0.5),
+        sensors=(Sensor("front_camera", rate_hz=RATE_HZ, fov_deg=60.0, max_range_m=60.0, min_range_m=2.0),),
+    )
+    rng = np.random.default_rng(seed)
+    records: list[Record] = []
+    seconds = (places[-1, 0] + 20.0) / SPEED
+    for t in (np.arange(int(seconds * RATE_HZ)) / RATE_HZ).tolist():
+        records.append(Odometry(t, SPEED, yaw_rate=0.0))
+        away = places - (SPEED * t, 0.0)
+        distance, bearing = np.hypot(*away.T), np.arctan2(away[:, 1], away[:, 0])
+        in_view = (distance > 2.0) & (distance < 60.0) & (np.abs(bearing) < np.deg2rad(30.0))
+        items = tuple(
+            Detection(
+                "traffic_sign",
+                range=float(distance[i] + rng.normal(0.0, 0.2)),
+                bearing=float(bearing[i] + rng.normal(0.0, 0.005)),
+                sign="SPEED_LIMIT",
+                value=str(50 + 10 * (i % 4)),
+            )
+            for i in np.flatnonzero(in_view).tolist()
+            if i + 1 not in gone and rng.random() < 0.9
+        )
+        records.append(DetectionFrame(t, "front_camera", items))
+    return Drive(hd_map, header, tuple(records), gone, float(seconds))
+
+
+@pytest.fixture(scope="session")
+def drive() -> Drive:
+    return make_drive()

@@ -1,0 +1,10 @@
+"""Lets `python -m slamcu_client` be the command `slamcu-vehicle`."""
+
+from __future__ import annotations
+
+import sys
+
+from slamcu_client.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

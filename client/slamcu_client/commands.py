@@ -1,0 +1,180 @@
+"""What `slamcu-vehicle` does; `cli` says what it takes."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections import Counter
+from contextlib import ExitStack, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+from slamcu_client.errors import OutboxError
+from slamcu_client.files import load_map_file, opened, write_text
+from slamcu_client.map_cache import MapCache
+from slamcu_client.map_pages import BoundingBox
+from slamcu_client.outbox import Outbox
+from slamcu_client.progress import ProgressBar
+from slamcu_client.results import result_features
+from slamcu_client.server import Server
+from slamcu_client.session import VehicleSession
+from slamcu_client.uploader import Uploader, UploadResult
+from slamcu_core.drive import DriveHeader
+from slamcu_core.errors import SlamcuError
+from slamcu_core.filter import FilterParameters
+from slamcu_core.formats import read_drive_log, write_results
+from slamcu_core.hd_map import HDMap
+
+DONE, LEFT_OVER = 0, 3
+_REPORT_EVERY = 64  # records between two looks at the progress
+
+
+@dataclass(frozen=True, slots=True)
+class ServerAddress:
+    """Where the server is, and the key to it."""
+
+    url: str
+    api_key: str
+
+    def connect(self) -> Server:
+        """Return the server; raises ConnectionSettingsError."""
+        return Server(self.url, self.api_key)
+
+
+@dataclass(frozen=True, slots=True)
+class DriveOrder:
+    """What `drive` is asked to do."""
+
+    log: Path
+    map_file: Path | None = None
+    map_name: str | None = None
+    result: Path | None = None
+    outbox: Path | None = None
+    seed: int = 0
+    particles: int | None = None
+    wait_s: float = 60.0
+
+
+def drive(order: DriveOrder, address: ServerAddress | None) -> int:
+    """Drive a recorded log; return the exit code. Raises SlamcuError or OSError for what the user must mend."""
+    parameters = FilterParameters() if order.particles is None else FilterParameters(particles=order.particles)
+    if order.result is not None and not order.result.parent.is_dir():
+        raise SlamcuError(f"{order.result}: there is no folder {order.result.parent}")
+    with ExitStack() as stack:
+        server = stack.enter_context(address.connect()) if address else None
+        hd_map = _map(order, server)
+        outbox_path = order.outbox or (order.log.with_name(f"{order.log.name}.outbox") if server else None)
+        if outbox_path is None:
+            _drive_log(order, hd_map, parameters, None)
+            return DONE
+        header = _check_log(order.log)
+        outbox = stack.enter_context(Outbox(outbox_path))
+        reported_before = outbox.session(header.session_id).closed
+        if reported_before:
+            _say("this drive has been reported before: nothing of it is reported again")
+        uploader = Uploader(outbox, server) if server else None
+        try:
+            with uploader.in_background() if uploader else nullcontext():
+                _drive_log(order, hd_map, parameters, None if reported_before else outbox)
+            code = _deliver(uploader, outbox, order.wait_s) if uploader else DONE
+        finally:
+            waiting = outbox.stats().pending
+            if waiting:
+                _say(f"{waiting} messages wait in {outbox_path}: slamcu-vehicle upload sends them")
+    if code == DONE and server is not None and order.outbox is None:
+        # a drive that is run again makes the same messages, which the server knows: no need to keep the counter
+        outbox_path.unlink(missing_ok=True)
+    return code
+
+
+def fetch_map(address: ServerAddress, name: str, out: Path, bbox: BoundingBox | None) -> int:
+    """Fetch a map into a file; return the exit code."""
+    with address.connect() as server:
+        snapshot = MapCache(out, server, name, bbox=bbox).refresh()
+    watched = sum(feature.watched for feature in snapshot.hd_map)
+    identity = snapshot.hd_map.identity
+    _tell(
+        f"{out}: {identity.source} {identity.version}, {len(snapshot.hd_map) - watched} features and {watched} to watch"
+    )
+    if not snapshot.fresh:
+        _say(f"the server cannot be reached: this is the copy of {snapshot.fetched_at:%Y-%m-%d %H:%M} UTC")
+        return LEFT_OVER
+    return DONE
+
+
+def upload(address: ServerAddress, path: Path, wait_s: float) -> int:
+    """Send what waits in an outbox; return the exit code."""
+    if not path.is_file():
+        raise OutboxError(f"{path}: there is no such outbox")
+    with address.connect() as server, Outbox(path) as outbox:
+        return _deliver(Uploader(outbox, server), outbox, wait_s)
+
+
+def _map(order: DriveOrder, server: Server | None) -> HDMap:
+    if order.map_file is not None:
+        return load_map_file(order.map_file)
+    if server is None or order.map_name is None:
+        raise SlamcuError("a map is needed: --map, or --map-name with --server")
+    with tempfile.TemporaryDirectory(prefix="slamcu-") as folder:
+        return MapCache(Path(folder) / "map.geojson", server, order.map_name).refresh().hd_map
+
+
+def _check_log(path: Path) -> DriveHeader:
+    """Read the whole log once before any of it is reported: a report cannot be taken back."""
+    with opened(path) as file, ProgressBar("checking", file.size) as bar:
+        header, records = read_drive_log(file.lines(), source=str(path))
+        for index, _ in enumerate(records):
+            if index % _REPORT_EVERY == 0:
+                bar.update(file.position)
+    return header
+
+
+def _drive_log(order: DriveOrder, hd_map: HDMap, parameters: FilterParameters, outbox: Outbox | None) -> None:
+    """Drive the log, write the result and print the summary."""
+    with opened(order.log) as file, ProgressBar("driving", file.size) as bar:
+        header, records = read_drive_log(file.lines(), source=str(order.log))
+        count, seconds = 0, 0.0
+        with VehicleSession(hd_map, header, outbox, parameters, seed=order.seed) as session:
+            for count, record in enumerate(records, start=1):
+                session.feed(record)
+                seconds = record.t
+                if count % _REPORT_EVERY == 0:
+                    bar.update(file.position, f"{seconds:.0f} s, {session.passes} passes")
+    estimates = session.features()
+    if order.result is not None:
+        write_text(order.result, write_results(result_features(estimates)))
+    states = Counter(feature.state.value for feature in result_features(estimates))
+    _tell(
+        f"{header.session_id}: {seconds:.1f} s, {count} records, map {hd_map.identity.source or '(no name)'} "
+        f"{hd_map.identity.version} with {len(hd_map)} features"
+    )
+    counts = (f"{states[state]} {state}" for state in ("normal", "deleted", "new", "unclassified"))
+    _tell(f"features: {', '.join(counts)}")
+    reported = f", {session.passes_reported} reported" if outbox is not None else ""
+    _tell(f"passes: {session.passes}{reported}")
+    lost = session.passes_dropped + session.passes_unusable
+    if lost:
+        _say(f"{lost} passes could not be reported")
+    if not session.health.trusted:
+        _say("the filter has lost its way on this drive: its reports are flagged, and its result is not to be trusted")
+
+
+def _deliver(uploader: Uploader, outbox: Outbox, wait_s: float) -> int:
+    result: UploadResult = uploader.flush(wait_s)
+    _tell(
+        f"messages: {result.accepted} accepted, {result.duplicates} known already, {result.rejected} rejected, "
+        f"{result.remaining} waiting"
+    )
+    for message in outbox.rejected(limit=min(result.rejected, 5)) if result.rejected else ():
+        _say(
+            f"rejected: message {message.key.message_id} of {message.key.session_id}: {message.reason} {message.detail}"
+        )
+    return LEFT_OVER if result.remaining or result.rejected else DONE
+
+
+def _tell(text: str) -> None:
+    sys.stdout.write(f"{text}\n")
+
+
+def _say(message: str) -> None:
+    sys.stderr.write(f"slamcu-vehicle: {message}\n")

@@ -1,0 +1,143 @@
+"""The map cache: the HD map around the car, kept on disk and renewed when the server has a newer one."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from slamcu_client.atomic_file import replacing
+from slamcu_client.errors import AnswerError, AuthenticationError, MapUnavailableError, TransportError
+from slamcu_client.files import load_map_file
+from slamcu_client.map_pages import BoundingBox, MapPage, fetch_pages
+from slamcu_client.server import Server
+from slamcu_core.errors import FormatError
+from slamcu_core.hd_map import HDMap
+
+_FORMAT = 1
+
+
+@dataclass(frozen=True, slots=True)
+class MapSnapshot:
+    """A map as the cache has it."""
+
+    hd_map: HDMap
+    fetched_at: datetime  # when this content came from the server
+    fresh: bool  # whether the server has just confirmed it; False: it could not be asked
+
+
+@dataclass(frozen=True, slots=True)
+class _Stored:
+    """The cache file, taken apart into the pages it came in."""
+
+    pages: tuple[MapPage, ...]
+    fetched_at: datetime
+
+
+class MapCache:
+    """Keep a server's map, or a part of it, in a file, watch features included.
+
+    The file is a plain HD map in GeoJSON that any tool reads, with the pages' ETags in a foreign member; it is only
+    ever replaced as a whole.
+
+    ::
+
+        with Server("https://slamcu.example", api_key) as server:
+            cache = MapCache("map.geojson", server, "highway", bbox=(2.0, 48.8, 2.3, 49.0))
+            snapshot = cache.refresh()         # the cached copy if the server cannot be reached
+        session = VehicleSession(snapshot.hd_map, header, outbox)
+
+    Parameters
+    ----------
+    path : the file.
+    server : where the map comes from.
+    name : the map's name on the server.
+    bbox : west, south, east, north in degrees; None: the whole map.
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str], server: Server, name: str, *, bbox: BoundingBox | None = None
+    ) -> None:
+        self.path = Path(path)
+        self._server, self._name, self._bbox = server, name, bbox
+        self._source = {"server": server.url, "map": name, "bbox": None if bbox is None else list(bbox)}
+
+    def refresh(self) -> MapSnapshot:
+        """Fetch what has changed since the last time, store it, and return the map.
+
+        If the server cannot be reached, is too busy or broken, the cached copy is returned with `fresh` False.
+
+        Raises MapUnavailableError if there is no cached copy then, AuthenticationError if the key is not accepted,
+        AnswerError if the server does not have that map, and OSError if the file cannot be written.
+        """
+        stored = self._read()
+        try:
+            pages = fetch_pages(self._server, self._name, self._bbox, stored.pages if stored else ())
+        except AuthenticationError:
+            raise
+        except (TransportError, AnswerError) as error:
+            if isinstance(error, AnswerError) and 400 <= error.response.status < 500 and error.response.status != 429:
+                raise
+            if stored is None:
+                raise MapUnavailableError(f"there is no copy of the map in {self.path}, and {error}") from error
+            return MapSnapshot(load_map_file(self.path), stored.fetched_at, fresh=False)
+        if stored is not None and pages == stored.pages:
+            return MapSnapshot(load_map_file(self.path), stored.fetched_at, fresh=True)
+        return self._store(pages)
+
+    def load(self) -> MapSnapshot:
+        """Return the cached copy without asking the server; raise MapUnavailableError if there is none."""
+        stored = self._read()
+        if stored is None:
+            raise MapUnavailableError(f"there is no copy of the map {self._name} in {self.path}")
+        return MapSnapshot(load_map_file(self.path), stored.fetched_at, fresh=False)
+
+    def _store(self, pages: tuple[MapPage, ...]) -> MapSnapshot:
+        fetched_at = datetime.now(UTC)
+        about = {
+            "format": _FORMAT,
+            **self._source,
+            "fetched_at": fetched_at.isoformat(),
+            "pages": [
+                {"query": page.query, "etag": page.etag, "next": page.next_query, "features": len(page.features)}
+                for page in pages
+            ],
+        }
+        with replacing(self.path) as temporary:
+            with temporary.open("w", encoding="utf-8") as file:
+                file.write('{"type": "FeatureCollection",\n')
+                file.write(f'"map": {_dump(pages[0].identity)},\n"slamcu_cache": {_dump(about)},\n"features": [\n')
+                file.write(",\n".join(_dump(feature) for page in pages for feature in page.features))
+                file.write("\n]}\n")
+            # read before it takes the place of a copy that was good
+            try:
+                hd_map = load_map_file(temporary)
+            except FormatError as error:
+                raise MapUnavailableError(f"the server's map cannot be used: {error.message}") from error
+        return MapSnapshot(hd_map, fetched_at, fresh=True)
+
+    def _read(self) -> _Stored | None:
+        """Read the cache file; None if there is none, or if it is of another map or not of this format."""
+        try:
+            document: Any = json.loads(self.path.read_bytes())
+            about = document["slamcu_cache"]
+            if about["format"] != _FORMAT or any(about[key] != value for key, value in self._source.items()):
+                return None
+            pages: list[MapPage] = []
+            start = 0
+            for page in about["pages"]:
+                features = tuple(document["features"][start : start + page["features"]])
+                start += page["features"]
+                pages.append(MapPage(page["query"], page["etag"], page["next"], document["map"], features))
+            return _Stored(tuple(pages), datetime.fromisoformat(about["fetched_at"]))
+        except FileNotFoundError:
+            return None
+        except (ValueError, TypeError, KeyError):
+            return None
+
+
+def _dump(value: object) -> str:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":"))

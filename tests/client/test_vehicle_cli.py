@@ -1,0 +1,303 @@
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from slamcu_client import Outbox
+from slamcu_client.cli import main
+
+from slamcu_core.formats import read_results, write_drive_log, write_hd_map
+from slamcu_core.sensoris import decode_message
+
+
+@pytest.fixture
+def folder(tmp_path: Path, drive, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with map.geojson, drive.jsonl and drive.jsonl.gz, and the key in the environment."""
+    (tmp_path / "map.geojson").write_text("".join(write_hd_map(drive.hd_map.identity, drive.hd_map)))
+    text = "".join(write_drive_log(drive.header, drive.records))
+    (tmp_path / "drive.jsonl").write_text(text)
+    (tmp_path / "drive.jsonl.gz").write_bytes(gzip.compress(text.encode()))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("SLAMCU_API_KEY", raising=False)
+    return tmp_path
+
+
+@pytest.fixture
+def key(faults, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setenv("SLAMCU_API_KEY", faults.key)
+    return faults.key
+
+
+@pytest.fixture
+def vehicle(capfd: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    def run(*arguments: str) -> tuple[int, str, str]:
+        code = main([*arguments, *(["--particles", "20"] if arguments[0] == "drive" else [])])
+        out, err = capfd.readouterr()
+        return code, out, err
+
+    return run
+
+
+LOCAL = ("drive", "--map", "map.geojson", "--log", "drive.jsonl")
+
+
+def test_a_drive_without_a_server(folder: Path, vehicle, drive) -> None:
+    code, out, err = vehicle(*LOCAL, "--result", "out.geojson")
+    assert (code, err) == (0, "")
+    assert f"{len(drive.hd_map) - len(drive.gone)} normal, {len(drive.gone)} deleted, 0 new" in out
+    with (folder / "out.geojson").open() as file:
+        results = list(read_results(file))
+    assert {one.map_object_id: one.state for one in results} == {
+        one.object_id: "deleted" if one.object_id in drive.gone else "normal" for one in drive.hd_map
+    }
+    assert all((one.passes, one.vehicles) == (1, 1) for one in results)
+    assert not list(folder.glob("*.outbox")), "nothing to report to, nothing left behind"
+
+
+def test_a_gzipped_log_gives_the_same_result_whatever_its_name(folder: Path, vehicle) -> None:
+    vehicle(*LOCAL, "--result", "plain.geojson")
+    (folder / "misnamed.jsonl").write_bytes((folder / "drive.jsonl.gz").read_bytes())
+    assert vehicle(*LOCAL[:3], "--log", "misnamed.jsonl", "--result", "packed.geojson")[0] == 0
+    assert (folder / "packed.geojson").read_text() == (folder / "plain.geojson").read_text()
+
+
+def test_the_seed_decides(folder: Path, vehicle) -> None:
+    for name, seed in (("a", "7"), ("b", "7"), ("c", "8")):
+        assert vehicle(*LOCAL, "--seed", seed, "--result", name)[0] == 0
+    assert Path("a").read_text() == Path("b").read_text() != Path("c").read_text()
+
+
+def test_a_drive_reports_to_the_server(folder: Path, vehicle, fake, key, drive) -> None:
+    code, out, err = vehicle(*LOCAL, "--server", fake.url)
+    assert (code, err) == (0, "")
+    passes = [one for body in fake.stored.values() for one in decode_message(body).passes]
+    assert {one.reference.object_id for one in passes if one.reference} == {one.object_id for one in drive.hd_map}
+    assert f"{len(passes)} reported" in out
+    assert f"{len(fake.stored)} accepted, 0 known already, 0 rejected, 0 waiting" in out
+    assert not list(folder.glob("*.outbox*"))
+
+
+def test_a_drive_driven_twice_is_reported_once(folder: Path, vehicle, fake, key) -> None:
+    vehicle(*LOCAL, "--server", fake.url)
+    before = dict(fake.stored)
+    code, out, _ = vehicle(*LOCAL, "--server", fake.url)
+    assert code == 0
+    assert f"0 accepted, {len(before)} known already" in out
+    code, _, err = vehicle(*LOCAL, "--server", fake.url, "--outbox", "kept.outbox")
+    assert code == 0
+    code, _, err = vehicle(*LOCAL, "--server", fake.url, "--outbox", "kept.outbox")
+    assert code == 0
+    assert "has been reported before" in err
+    assert fake.stored == before
+
+
+def test_days_offline_and_then_upload(folder: Path, vehicle, fake, key) -> None:
+    code, out, _ = vehicle(*LOCAL, "--outbox", "car.outbox", "--result", "out.geojson")
+    assert code == 0
+    with Outbox("car.outbox") as outbox:
+        waiting = outbox.stats().pending
+    assert waiting > 0
+    code, out, err = vehicle("upload", "--outbox", "car.outbox", "--server", "http://127.0.0.1:1", "--wait", "0")
+    assert code == 3
+    assert f"{waiting} waiting" in out
+    code, out, err = vehicle("upload", "--outbox", "car.outbox", "--server", fake.url)
+    assert (code, err) == (0, "")
+    assert f"{waiting} accepted" in out
+    assert len(fake.stored) == waiting
+
+
+def test_a_server_that_is_away_costs_no_result_and_no_report(folder: Path, vehicle, fake, key) -> None:
+    code, _, err = vehicle(*LOCAL, "--server", "http://127.0.0.1:1", "--wait", "0", "--result", "out.geojson")
+    assert code == 3
+    assert "wait in drive.jsonl.outbox" in err
+    assert Path("out.geojson").exists()
+    assert vehicle("upload", "--outbox", "drive.jsonl.outbox", "--server", fake.url)[0] == 0
+    assert fake.stored
+
+
+def test_a_key_that_is_not_accepted(folder: Path, vehicle, fake) -> None:
+    code, _, err = vehicle(*LOCAL, "--server", fake.url, "--api-key", "wrong-key", "--result", "out.geojson")
+    assert code == 1
+    assert "the API key is not accepted" in err
+    assert "wrong-key" not in err
+    assert "wait in drive.jsonl.outbox" in err
+    assert Path("out.geojson").exists(), "the local result does not depend on the server"
+
+
+def test_rejected_reports_are_named(folder: Path, vehicle, fake, key) -> None:
+    fake.poison = lambda _body: ("unknown-map", "there is no map test-road here")
+    code, out, err = vehicle(*LOCAL, "--server", fake.url, "--outbox", "car.outbox")
+    assert code == 3
+    assert "unknown-map there is no map test-road here" in err
+    assert ", 0 waiting" in out
+
+
+def test_a_map_by_name_is_fetched(folder: Path, vehicle, fake, faults, key) -> None:
+    document = json.loads(Path("map.geojson").read_text()) | {"next": None}
+    fake.pages = lambda query, _headers: faults.Answer(200, document, {"ETag": '"1"'})
+    code, out, err = vehicle("drive", "--map-name", "test-road", "--log", "drive.jsonl", "--server", fake.url)
+    assert (code, err) == (0, "")
+    assert "map test-road 2026.05.1 with 12 features" in out
+    code, out, err = vehicle("fetch-map", "--server", fake.url, "--map", "test-road", "--out", "fetched.geojson")
+    assert (code, err) == (0, "")
+    assert "12 features and 0 to watch" in out
+    assert vehicle("drive", "--map", "fetched.geojson", "--log", "drive.jsonl")[0] == 0
+    fake.pages = lambda query, _headers: faults.problem(503)
+    code, _, err = vehicle("fetch-map", "--server", fake.url, "--map", "test-road", "--out", "fetched.geojson")
+    assert code == 3
+    assert "this is the copy of" in err
+
+
+def _spoil(path: Path, line: int, change: Callable[[dict], dict | str]) -> None:
+    lines = path.read_text().splitlines()
+    changed = change(json.loads(lines[line - 1]))
+    lines[line - 1] = changed if isinstance(changed, str) else json.dumps(changed)
+    path.write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "change", "message"),
+    [
+        (300, lambda _: "{broken", "line 300"),
+        (300, lambda record: {**record, "t": 0.0}, "line 300"),
+        (300, lambda record: {**record, "t": "soon"}, "line 300, field t"),
+        (1, lambda header: {**header, "sensors": []}, "line"),
+        (1, lambda header: {**header, "start_time": "yesterday"}, "start_time"),
+    ],
+)
+def test_a_bad_line_is_named_and_nothing_is_half_done(
+    *, folder: Path, vehicle, fake, key, line: int, change, message: str
+) -> None:
+    _spoil(folder / "drive.jsonl", line, change)
+    before = set(folder.iterdir())
+    code, out, err = vehicle(*LOCAL, "--server", fake.url, "--result", "out.geojson")
+    assert (code, out) == (1, "")
+    assert err.count("\n") == 1, "one line, no traceback"
+    assert err.startswith("slamcu-vehicle: drive.jsonl, line")
+    assert message in err
+    assert set(folder.iterdir()) == before
+    assert fake.stored == {}
+
+
+def test_a_result_is_not_touched_by_a_drive_that_fails(folder: Path, vehicle) -> None:
+    Path("out.geojson").write_text("what was there before")
+    _spoil(folder / "drive.jsonl", 390, lambda _: "{")
+    assert vehicle(*LOCAL, "--result", "out.geojson")[0] == 1
+    assert Path("out.geojson").read_text() == "what was there before"
+    assert not [path for path in folder.iterdir() if path.name.startswith(".")]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("drive", "--map", "nowhere.geojson", "--log", "drive.jsonl"), "nowhere.geojson: No such file"),
+        (("drive", "--map", "map.geojson", "--log", "nowhere"), "nowhere: No such file"),
+        (("drive", "--map", "drive.jsonl", "--log", "drive.jsonl"), "drive.jsonl, line"),
+        (("drive", "--map", "map.geojson", "--log", "map.geojson"), "map.geojson, line 1"),
+        (("drive", "--map", "map.geojson", "--log", "cut.jsonl.gz"), "gzip packing is broken"),
+        ((*LOCAL, "--result", "no/such/folder.geojson"), "there is no folder no/such"),
+        ((*LOCAL, "--outbox", "map.geojson"), "map.geojson: file is not a database"),
+        ((*LOCAL, "--server", "example.org", "--api-key", "k"), "a server's address looks like"),
+        (("upload", "--outbox", "nowhere", "--server", "http://x", "--api-key", "k"), "no such outbox"),
+    ],
+)
+def test_what_the_user_must_mend_is_told_in_one_line(folder: Path, vehicle, arguments, message: str) -> None:
+    (folder / "cut.jsonl.gz").write_bytes((folder / "drive.jsonl.gz").read_bytes()[:-100])
+    code, out, err = vehicle(*arguments)
+    assert (code, out) == (1, "")
+    assert err.count("\n") == 1
+    assert message in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (LOCAL[:3], "--log"),
+        (("drive", "--log", "drive.jsonl"), "--map"),
+        (("drive", "--log", "drive.jsonl", "--map-name", "town"), "--map-name needs --server"),
+        ((*LOCAL, "--map-name", "town", "--server", "http://x"), "not allowed with"),
+        ((*LOCAL, "--server", "http://x"), "SLAMCU_API_KEY"),
+        ((*LOCAL, "--seed", "-1"), "whole number"),
+        ((*LOCAL, "--wait", "nan"), "seconds"),
+        (("fetch-map", "--server", "http://x", "--map", "m", "--out", "o", "--bbox", "1,2,3"), "four numbers"),
+        (("fetch-map", "--server", "http://x", "--map", "m", "--out", "o", "--bbox=3,2,1,4"), "west < east"),
+    ],
+)
+def test_wrong_usage_is_explained(folder: Path, capfd, arguments, message: str) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    assert message in capfd.readouterr().err
+
+
+def test_too_few_particles_are_refused(folder: Path, capfd) -> None:
+    assert main([*LOCAL, "--particles", "1"]) == 1
+    assert "particles must lie in [2" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("command", [[], ["drive"], ["fetch-map"], ["upload"]])
+def test_help_teaches(capfd, command: list[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main([*command, "--help"])
+    assert stop.value.code == 0
+    text = capfd.readouterr().out
+    assert "SLAMCU_API_KEY" in text
+    assert "exit codes" in text
+
+
+def test_a_terminal_gets_a_progress_bar_and_a_pipe_does_not(folder: Path) -> None:
+    command = [sys.executable, "-m", "slamcu_client", *LOCAL, "--particles", "20"]
+    ours, theirs = pty.openpty()
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=theirs, check=True, text=True)
+    os.close(theirs)
+    seen = b""
+    while True:
+        try:
+            piece = os.read(ours, 4096)
+        except OSError:  # the other end is closed: all has been read
+            break
+        if not piece:
+            break
+        seen += piece
+    os.close(ours)
+    assert b"driving [#" in seen
+    assert b"%" in seen
+    assert "features:" in done.stdout
+    piped = subprocess.run(command, capture_output=True, check=True, text=True)
+    assert piped.stderr == ""
+
+
+def test_a_drive_killed_with_9_is_taken_up_again(folder: Path, vehicle, fake, key) -> None:
+    """Kill the command when its first reports have arrived; run it again: each message is with the server once."""
+    assert vehicle(*LOCAL, "--server", fake.url)[0] == 0
+    expected = dict(fake.stored)
+    fake.stored.clear()
+    arrived, killed = threading.Event(), threading.Event()
+
+    def store_and_say_nothing(server, bodies) -> None:
+        server.store(bodies)
+        arrived.set()
+        killed.wait(60.0)
+
+    fake.faults.append(store_and_say_nothing)
+    command = [sys.executable, "-m", "slamcu_client", *LOCAL, "--server", fake.url, "--particles", "20"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
+        assert arrived.wait(60.0)
+        child.kill()
+        killed.set()
+    assert child.returncode == -signal.SIGKILL
+    assert 0 < len(fake.stored) <= len(expected)
+    assert Path("drive.jsonl.outbox").exists()
+    code, out, _ = vehicle(*LOCAL, "--server", fake.url)
+    assert code == 0
+    assert "0 known already" not in out, "what had arrived without an answer was sent again, and recognised"
+    assert fake.stored == expected
