@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 from slamcu_core.errors import SlamcuError
 from slamcu_core.models import MotionNoise
@@ -36,6 +37,11 @@ class FilterParameters:
     max_new: int = 64  # live unmapped features; beyond, the weakest unproven one gives way
     minimum_hits: int = 3  # detections before an unmapped feature may be called New
     mover_speed: float = 1.0  # m/s; what moves at all moves at least so fast
+
+    @classmethod
+    def robot(cls, **changes: Any) -> FilterParameters:
+        """Return settings for a small indoor robot: coarse odometry, hence wider gates and more wrong associations."""
+        return cls(**{"motion": MotionNoise.robot(), "gate": 20.0, "outlier_share": 0.1, **changes})
 
     def __post_init__(self) -> None:
         for name, low, high in (
