@@ -1,0 +1,29 @@
+"""A fleet and its cloud: real vehicles' software in processes of their own, and a real server that they report to."""
+
+from slamcu_eval.fleet.cloud import Cloud, CloudError
+from slamcu_eval.fleet.processes import drive_fleet
+from slamcu_eval.fleet.readback import fused_result, standing_changes
+from slamcu_eval.fleet.vehicle import (
+    Account,
+    DriveSource,
+    OpenDrive,
+    VehicleJob,
+    VehicleOutcome,
+    drive_vehicle,
+    fetch_map,
+)
+
+__all__ = [
+    "Account",
+    "Cloud",
+    "CloudError",
+    "DriveSource",
+    "OpenDrive",
+    "VehicleJob",
+    "VehicleOutcome",
+    "drive_fleet",
+    "drive_vehicle",
+    "fetch_map",
+    "fused_result",
+    "standing_changes",
+]

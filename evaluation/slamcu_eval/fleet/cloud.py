@@ -1,0 +1,292 @@
+"""A private server for an evaluation: a real `slamcu-server` process on a PostGIS cluster of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Any, Self
+from urllib.parse import quote
+
+from slamcu_client import Response, Server
+from slamcu_server.database.embedded import EmbeddedCluster
+
+from slamcu_core.aggregation import Policy
+from slamcu_core.errors import SlamcuError
+
+_START_TIMEOUT_S = 60.0
+_STOP_TIMEOUT_S = 20.0
+_POLL_S = 0.1
+
+
+class CloudError(SlamcuError):
+    """The private server does not do what the evaluation needs; the text ends with what the server said."""
+
+
+class Cloud:
+    """Run a private server as a context manager; leave no process and no file behind, whatever happens.
+
+    ::
+
+        with Cloud() as cloud:
+            cloud.import_map(path)
+            keys = cloud.create_keys("vehicle", 10)
+            ...                                  # vehicles report to cloud.url
+            cloud.wait_until_fused()
+            cloud.get("/v1/changes")
+
+    Ctrl-C and SIGTERM reach this process only, which stops the server in order; the server has a session of its own.
+
+    Parameters
+    ----------
+    policy : the aggregation policy; None: the server's own.
+    port : 0 takes any free one.
+    """
+
+    def __init__(self, *, policy: Policy | None = None, port: int = 0) -> None:
+        self._policy, self._port = policy, port
+        self._stack = ExitStack()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._provider: Server | None = None
+        self.url = ""
+        self.provider_key = ""
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.enter_context(_sigterm_as_exit())
+            self._home = Path(
+                stack.enter_context(tempfile.TemporaryDirectory(prefix="slamcu-", ignore_cleanup_errors=True))
+            )
+            self._home.chmod(0o711)  # PostgreSQL does not run as root, and must be able to get to its directory
+            stack.callback(self._stop_cluster)
+            stack.callback(self.stop)
+            self._environment = self._private_environment()
+            self.start()
+            (self.provider_key,) = self.create_keys("provider", 1)
+            self._provider = stack.enter_context(Server(self.url, self.provider_key))
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    # --- the process ------------------------------------------------------------------------------------------------
+
+    @property
+    def pid(self) -> int:
+        """Process id of the server."""
+        return self._running().pid
+
+    @property
+    def data_dir(self) -> Path:
+        """Home of the server's cluster."""
+        return self._home / "data"
+
+    @property
+    def scratch(self) -> Path:
+        """A folder for what belongs to the evaluation, such as the vehicles' outboxes; it goes with the server."""
+        return self._home / "scratch"
+
+    @property
+    def log(self) -> Path:
+        """What the server wrote to standard error."""
+        return self._home / "server.log"
+
+    def start(self) -> None:
+        """Start the server and wait until it answers; after the first time at the same address as before.
+
+        Raises CloudError if it does not.
+        """
+        ready = self._home / "ready"
+        ready.unlink(missing_ok=True)
+        arguments = ["serve", "--port", str(self._port), "--ready-file", str(ready)]
+        with self.log.open("ab") as log:
+            self._process = subprocess.Popen(  # noqa: S603  (our own program)
+                _command(arguments),
+                env=self._environment,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
+        deadline = time.monotonic() + _START_TIMEOUT_S
+        while not ready.exists():
+            if self._process.poll() is not None or time.monotonic() > deadline:
+                raise CloudError(f"the server did not start: {self._last_words()}")
+            time.sleep(_POLL_S / 2)
+        self.url = ready.read_text(encoding="utf-8").strip()
+        self._port = int(self.url.rsplit(":", 1)[1])
+
+    def stop(self) -> None:
+        """Stop the server in order; kill it if it takes too long."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        process.terminate()
+        try:
+            process.wait(_STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+    def wait(self) -> None:
+        """Wait until the server ends by itself; raise CloudError then, for it should not."""
+        self._running().wait()
+        self._running()
+
+    def kill(self) -> None:
+        """Kill the server as a crash would (SIGKILL); `start` brings it back on the same data."""
+        process, self._process = self._running(), None
+        process.kill()
+        process.wait()
+
+    def _stop_cluster(self) -> None:
+        """Stop the cluster that a killed server left running: the last user to leave does it."""
+        if (self.data_dir / "cluster" / "data" / "postmaster.pid").exists():
+            with EmbeddedCluster(self.data_dir):
+                pass
+
+    def _running(self) -> subprocess.Popen[bytes]:
+        if self._process is None or self._process.poll() is not None:
+            raise CloudError(f"the server is not running: {self._last_words()}")
+        return self._process
+
+    def _private_environment(self) -> dict[str, str]:
+        """Return the environment without the settings of the user's own server."""
+        environment = {name: value for name, value in os.environ.items() if not name.startswith("SLAMCU_")}
+        environment["SLAMCU_DATA_DIR"] = str(self.data_dir)
+        environment["SLAMCU_LOG_LEVEL"] = "warning"
+        if self._policy is not None:
+            path = self._home / "policy.json"
+            path.write_text(json.dumps(self._policy.to_document()), encoding="utf-8")
+            environment["SLAMCU_POLICY_FILE"] = str(path)
+        return environment
+
+    def _last_words(self) -> str:
+        lines = self.log.read_text(encoding="utf-8", errors="replace").split("\n") if self.log.exists() else []
+        return next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing")
+
+    # --- what is done with it ---------------------------------------------------------------------------------------
+
+    def command(self, *arguments: str) -> str:
+        """Run `slamcu-server` on the same data and return its output; raise CloudError if it fails."""
+        done = subprocess.run(  # noqa: S603  (our own program)
+            _command(arguments),
+            env=self._environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode != 0:
+            said = done.stderr.strip().rsplit("\n", 1)[-1]
+            raise CloudError(f"slamcu-server {arguments[0]} failed: {said or 'no message'}")
+        return done.stdout
+
+    def import_map(self, path: Path) -> None:
+        """Import an HD map (GeoJSON)."""
+        self.command("import-map", str(path))
+
+    def create_keys(self, role: str, count: int) -> list[str]:
+        """Make accounts of a role, and return a key of each."""
+        output = self.command("create-key", "--role", role, "--label", f"{role}-evaluation", "--count", str(count))
+        return [line.rsplit("\t", 1)[-1] for line in output.split("\n") if line.strip()]
+
+    def request(
+        self,
+        method: str,
+        path: str,
+        *,
+        query: Mapping[str, str] | str = "",
+        headers: Mapping[str, str] | None = None,
+        body: object = None,
+    ) -> Response:
+        """Send a request as a map provider.
+
+        Raises CloudError if the answer is no success, TransportError if none came.
+        """
+        if self._provider is None:
+            raise CloudError("the server has not been started")
+        content = b"" if body is None else json.dumps(body).encode()
+        headers = {"Content-Type": "application/json", **(headers or {})}
+        _, answer = self._provider.exchange(method, path, query=query, headers=headers, content=content)
+        if not 200 <= answer.status < 300:
+            raise CloudError(f"{method} {path}: {answer.status} {answer.content.decode(errors='replace')[:300]}")
+        return answer
+
+    def get(self, path: str, query: Mapping[str, str] | str = "") -> Any:
+        """Ask the server as a map provider, and return the JSON of its answer; raises as `request` does."""
+        return json.loads(self.request("GET", path, query=query).content)
+
+    def pages(self, path: str, query: Mapping[str, str] | None = None) -> Iterator[Any]:
+        """Yield the pages of a list, following its `next` links."""
+        page = self.get(path, query or {})
+        yield page
+        while link := page.get("next"):
+            page = self.get(path, link.partition("?")[2])
+            yield page
+
+    def features(self, map_name: str) -> list[dict[str, Any]]:
+        """Return the features of a map's current version as GeoJSON, without watch features."""
+        path = f"/v1/maps/{quote(map_name, safe='')}/features"
+        return [feature for page in self.pages(path) for feature in page["features"]]
+
+    def pending(self) -> int:
+        """Return how many messages wait to be fused; raise CloudError if one was put aside as unusable."""
+        values = self._metrics("slamcu_aggregation_pending_messages", "slamcu_aggregation_quarantined_messages")
+        if values[1]:
+            raise CloudError(f"{values[1]:.0f} messages could not be fused: {self._last_words()}")
+        return int(values[0])
+
+    def wait_until_fused(self, timeout_s: float = 120.0) -> None:
+        """Wait until everything that was acknowledged is fused.
+
+        Raises CloudError if it takes too long, a message could not be fused, or the server is gone.
+        """
+        deadline = time.monotonic() + timeout_s
+        while left := self.pending():
+            self._running()
+            if time.monotonic() > deadline:
+                raise CloudError(f"{left} messages still wait to be fused after {timeout_s:g} s: {self._last_words()}")
+            time.sleep(_POLL_S)
+
+    def _metrics(self, *names: str) -> list[float]:
+        lines = self.request("GET", "/metrics").content.decode().split("\n")
+        found = dict(line.rsplit(" ", 1) for line in lines if line and not line.startswith("#"))
+        try:
+            return [float(found[name]) for name in names]
+        except KeyError as error:
+            raise CloudError(f"the server's metrics lack {error}") from None
+
+
+def _command(arguments: list[str] | tuple[str, ...]) -> list[str]:
+    return [sys.executable, "-m", "slamcu_server.cli", *arguments]
+
+
+@contextmanager
+def _sigterm_as_exit() -> Iterator[None]:
+    """Let SIGTERM unwind the stack, so that the server is stopped; where signals cannot be set, leave it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def leave(number: int, _: FrameType | None) -> None:
+        raise SystemExit(128 + number)
+
+    before = {number: signal.signal(number, leave) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,79 @@
+"""Vehicles side by side, each in a process of its own."""
+
+from __future__ import annotations
+
+import multiprocessing as mp
+import os
+import queue
+import signal
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from functools import partial
+from multiprocessing.queues import Queue
+
+from slamcu_eval.fleet.vehicle import VehicleJob, VehicleOutcome, drive_vehicle
+
+Tell = Callable[[int, float], None]
+
+_POLL_S = 0.1
+_progress: Queue[tuple[int, float]] | None = None  # of a vehicle's process, set when it starts
+
+
+def drive_fleet(
+    jobs: Sequence[VehicleJob], *, processes: int | None = None, tell: Tell = lambda _vehicle, _share: None
+) -> list[VehicleOutcome]:
+    """Let vehicles drive in parallel and return their outcomes, in the order of the jobs.
+
+    Parameters
+    ----------
+    processes : how many drive at the same time; by default as many as there are processors.
+    tell : called in this process with the number of a vehicle and the share of its drive that is done.
+
+    Raises what a vehicle raised; the others are stopped then, as they are on Ctrl-C.
+    """
+    context = mp.get_context("spawn")  # no locks and threads of the parent in the middle of something
+    shares: Queue[tuple[int, float]] = context.Queue()
+    count = min(processes or os.cpu_count() or 1, len(jobs))
+    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(shares,))
+    try:
+        futures = [pool.submit(_drive, index, job) for index, job in enumerate(jobs)]
+        waiting = set(futures)
+        while waiting:
+            done, waiting = wait(waiting, timeout=_POLL_S, return_when=FIRST_COMPLETED)
+            _pass_on(shares, tell)
+            for future in done:
+                future.result()
+        _pass_on(shares, tell)
+        return [future.result() for future in futures]
+    except BaseException:
+        for process in mp.active_children():
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+        shares.close()
+
+
+def _pass_on(shares: Queue[tuple[int, float]], tell: Tell) -> None:
+    while True:
+        try:
+            tell(*shares.get_nowait())
+        except queue.Empty:
+            return
+
+
+def _begin(shares: Queue[tuple[int, float]]) -> None:
+    """Prepare a vehicle's process: Ctrl-C is the parent's to act on."""
+    global _progress  # noqa: PLW0603  (a pool hands its processes state in no other way)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    _progress = shares
+
+
+def _drive(index: int, job: VehicleJob) -> VehicleOutcome:
+    return drive_vehicle(job, partial(_tell, index))
+
+
+def _tell(index: int, share: float) -> None:
+    if _progress is not None:
+        _progress.put((index, share))
