@@ -16,6 +16,8 @@ from slamcu_core.sensoris.policy import DEFAULT_LIMITS, DEFAULT_THIRD_PARTY, Thi
 from slamcu_core.sensoris.proto import data_pb2
 from slamcu_core.sensoris.wire import fields
 
+_MAX_DEPTH = 100  # of nested JSON, as protobuf parsers have it for their own
+
 _OWN_TYPES = frozenset(extension.DESCRIPTOR.full_name for extension in EXTENSION_TYPES)
 
 
@@ -109,18 +111,22 @@ def _from_json(message: object) -> bytes | WireError:
         return WireError("not-json", f"not the JSON mapping of a SENSORIS DataMessage: {str(error)[:200]}")
 
 
-def _known(value: Any) -> Any:
+def _known(value: Any, depth: int = 0) -> Any:
     """Return a document without the extensions of others, whose types the JSON mapping cannot parse."""
+    if depth > _MAX_DEPTH:
+        raise ValueError(f"nested deeper than {_MAX_DEPTH}")
     if isinstance(value, list):
-        return [_known(each) for each in value]
+        return [_known(each, depth + 1) for each in value]
     if not isinstance(value, dict):
         return value
     return {
-        name: [_known(each) for each in part if _is_own(each)]
-        if name == "extension" and isinstance(part, list)
-        else _known(part)
+        name: _known([each for each in part if _is_own(each)] if _holds_extensions(name, part) else part, depth + 1)
         for name, part in value.items()
     }
+
+
+def _holds_extensions(name: str, part: object) -> bool:
+    return name == "extension" and isinstance(part, list)
 
 
 def _is_own(extension: object) -> bool:
