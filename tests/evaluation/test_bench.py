@@ -28,8 +28,22 @@ def test_the_ways_take_turns_and_none_always_goes_first() -> None:
 
 def test_the_command_prints_and_writes_the_same_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "bench.json"
-    assert run(["bench", "--particles", "20", "--json", str(file)]) == 0
+    assert run(["bench", "--only", "filter", "--particles", "20", "--json", str(file)]) == 0
     step = json.loads(file.read_text())["filter_step"]["20"]
     assert step["steps"] > 1000
     assert 0.0 < step["p50_ms"] <= step["p99_ms"]
     assert f"{step['p50_ms']:.2f} ms" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_the_server_is_measured_with_everything_taken_and_fused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "bench.json"
+    small = ["--rounds", "1", "--requests", "4", "--batches", "1"]
+    assert run(["bench", "--only", "server", *small, "--json", str(file)]) == 0
+    figures = json.loads(file.read_text())
+    rates = figures["ingest"]["messages_per_s"]
+    assert figures["ingest"]["http_over_insert"] == pytest.approx(rates["http"]["median"] / rates["insert"]["median"])
+    assert figures["aggregation"]["passes_per_s"]["median"] > 0.0
+    assert f"{rates['http']['median']:,.0f}" in capsys.readouterr().out
