@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
+from slamcu_server.changes.endpoints import router as changes
+from slamcu_server.features.endpoints import router as features
 from slamcu_server.health.endpoints import router as health
 from slamcu_server.ingest.endpoints import router as ingest
 from slamcu_server.maps.endpoints import router as maps
@@ -12,6 +14,8 @@ from slamcu_server.metrics.endpoints import router as metrics
 ROUTERS: tuple[APIRouter, ...] = (
     ingest,
     maps,
+    features,
+    changes,
     health,
     metrics,
 )

@@ -1,0 +1,135 @@
+"""Why a change is believed: its contributions, how they folded, and what would turn it. Pure functions of passes."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from slamcu_core.aggregation import (
+    EPOCH_S,
+    ClassPolicy,
+    Contribution,
+    FoldedState,
+    PassEvidence,
+    Side,
+    contributions,
+    decayed,
+    fold,
+)
+from slamcu_server.aggregation.evidence import frame_at, moment
+from slamcu_server.aggregation.passes import StoredPass
+from slamcu_server.changes.document import evidence, timestamp
+
+_PSEUDONYM_DIGITS = 12
+_FULL_WEIGHT = 20.0  # of a pass that leaves no doubt: what the discount leaves of it is -ln(1 - α)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """The evidence about one change."""
+
+    passes: Sequence[StoredPass]
+    side: Side
+    prior_weight: float
+    policy: ClassPolicy
+    lon: float
+    lat: float
+
+
+def pseudonym(salt: bytes, contributor: int) -> str:
+    """Return the name of a contributor within one change: nobody can tell it again in another."""
+    return hmac.new(salt, str(contributor).encode(), hashlib.sha256).hexdigest()[:_PSEUDONYM_DIGITS]
+
+
+def explain(case: Case, salt: bytes, as_of: datetime) -> dict[str, Any]:
+    """Return the evidence behind a change: contributions, F and A over time, the policy, and what would flip it."""
+    parts = contributions([item.evidence for item in case.passes], case.policy)
+    state = _fold(case, parts)
+    return {
+        "as_of": timestamp(as_of),
+        "evidence_now": evidence(*decayed(state, as_of.timestamp(), case.policy)),
+        "prior_weight": case.prior_weight,
+        "contributions": [_contribution(case, part, salt) for part in parts],
+        "course": [
+            {
+                "time": timestamp(moment(step.time)),
+                "vehicle": pseudonym(salt, step.contributor),
+                "standing": step.standing,
+                **evidence(step.weight_for, step.weight_against),
+            }
+            for step in state.steps
+        ],
+        "policy": asdict(case.policy),
+        "would_flip": would_flip(case, parts),
+    }
+
+
+def would_flip(case: Case, parts: Sequence[Contribution]) -> dict[str, Any]:
+    """Return how many further full misses or detections, each by another vehicle, would turn what stands."""
+    standing = _fold(case, parts).standing
+    by_misses = standing == (case.side is Side.NEW)
+    kind = "misses" if by_misses else "detections"
+    count = _count_to_flip(case, parts, standing, by_misses=by_misses)
+    becomes = "withdrawn" if standing else "confirmed"
+    if count is None:
+        sentence = f"no number of further {kind} alone"
+    else:
+        noun = kind if count != 1 else {"misses": "miss", "detections": "detection"}[kind]
+        sentence = f"{count} more {noun} by {'different vehicles' if count != 1 else 'another vehicle'}"
+    return {"becomes": becomes, "by": kind, "vehicles": count, "sentence": sentence}
+
+
+def _count_to_flip(case: Case, parts: Sequence[Contribution], standing: bool, *, by_misses: bool) -> int | None:
+    last = max((part.time for part in parts), default=0.0)
+    stranger = max((part.contributor for part in parts), default=0)
+    extended = list(parts)
+    for count in range(1, 2 * case.policy.window + 1):
+        # Each an epoch later and by a vehicle that has not reported yet.
+        one = PassEvidence(
+            stranger + count,
+            last + count * EPOCH_S,
+            0.0 if by_misses else _FULL_WEIGHT,
+            _FULL_WEIGHT if by_misses else 0.0,
+        )
+        extended += contributions([one], case.policy)
+        if _fold(case, extended).standing != standing:
+            return count
+    return None
+
+
+def _fold(case: Case, parts: Iterable[Contribution]) -> FoldedState:
+    return fold(parts, prior_weight=case.prior_weight, policy=case.policy, side=case.side)
+
+
+def _contribution(case: Case, part: Contribution, salt: bytes) -> dict[str, Any]:
+    mine = [
+        item
+        for item in case.passes
+        if item.contributor == part.contributor and item.ended_at.timestamp() // EPOCH_S == part.epoch
+    ]
+    return {
+        "vehicle": pseudonym(salt, part.contributor),
+        "time": timestamp(moment(part.time)),
+        "weight_for": part.weight_for,
+        "weight_against": part.weight_against,
+        "informativeness": part.informativeness,
+        "passes": part.passes,
+        "position_residual_m": _residual(case, mine),
+    }
+
+
+def _residual(case: Case, passes: Iterable[StoredPass]) -> list[float] | None:
+    """Return how far east and north of the change's place the passes saw it, on average; None if they gave no place."""
+    places = [item.place for item in passes if item.counts and item.found and item.place is not None]
+    if not places:
+        return None
+    frame = frame_at(case.lon, case.lat)
+    seen = frame.to_local([place[0] for place in places], [place[1] for place in places])
+    residual: list[float] = (np.mean(seen, axis=0) - frame.to_local(case.lon, case.lat)).tolist()
+    return residual

@@ -1,0 +1,204 @@
+"""What the change API takes and answers."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic.config import JsonDict
+
+from slamcu_server.changes.belief import Kind, State
+from slamcu_server.maps.schemas import Point
+
+_CHANGE_EXAMPLE: JsonDict = {
+    "id": 12,
+    "kind": "new",
+    "state": "confirmed",
+    "revision": 2,
+    "map": "demo",
+    "map_object_id": None,
+    "watch_id": 5,
+    "class": "traffic_sign",
+    "sign": "SPEED_LIMIT",
+    "value": "80",
+    "geometry": {"type": "Point", "coordinates": [2.10031, 48.90012]},
+    "covariance_m2": [0.11, 0.01, 0.09],
+    "ellipse95": {"semi_major_m": 0.83, "semi_minor_m": 0.72, "orientation_deg": 67.5},
+    "mass_exists": 0.94,
+    "mass_not_exists": 0.0,
+    "mass_unknown": 0.06,
+    "conflict": 0.0,
+    "weight_for": 2.8,
+    "weight_against": 0.0,
+    "contributors_for": 3,
+    "contributors_against": 0,
+    "passes": 4,
+    "first_seen": "2026-05-01T08:12:40+00:00",
+    "last_seen": "2026-05-02T07:55:03+00:00",
+    "last_looked": "2026-05-02T07:55:03+00:00",
+    "confirmed_at": "2026-05-01T11:40:21+00:00",
+    "policy_version": "3f1c92ab04de",
+    "merged_into": None,
+    "review": None,
+}
+
+
+class Ellipse(BaseModel):
+    """The 95 % ellipse of a place."""
+
+    semi_major_m: float
+    semi_minor_m: float
+    orientation_deg: float = Field(description="Compass direction of the longer axis, in [0, 180).")
+
+
+class Evidence(BaseModel):
+    """Weights of evidence, the masses on {exists, not} that they stand for, and the conflict between them."""
+
+    weight_for: float
+    weight_against: float
+    mass_exists: float
+    mass_not_exists: float
+    mass_unknown: float
+    conflict: float = Field(description="1 - exp(-weight_for) times 1 - exp(-weight_against): dispute, not ignorance.")
+
+
+class Review(BaseModel):
+    """What a provider decided about a change."""
+
+    decision: Literal["accept", "reject"]
+    reason: str | None
+    by: str = Field(description="The account that decided.")
+    at: datetime
+    map_version: str | None = Field(description="The map version that an accepted change made.")
+
+
+class Change(Evidence):
+    """A change of the map that the evidence speaks for, as of its revision."""
+
+    model_config = ConfigDict(json_schema_extra={"example": _CHANGE_EXAMPLE})
+
+    id: int
+    kind: Kind
+    state: State
+    revision: int = Field(description="Rises with every entry of the feed about this change.")
+    map: str = Field(description="The map's name.")
+    map_object_id: int | None = Field(description="The map feature it is about; of an accepted new one, its new id.")
+    watch_id: int | None = Field(description="The watch feature by which vehicles check it, of a new feature.")
+    feature_class: str = Field(alias="class")
+    sign: str | None
+    value: str | None
+    geometry: Point
+    covariance_m2: tuple[float, float, float] = Field(description="xx, xy, yy in east-north.")
+    ellipse95: Ellipse
+    contributors_for: int = Field(description="Different vehicles whose evidence for existence still weighs.")
+    contributors_against: int
+    passes: int
+    first_seen: datetime | None
+    last_seen: datetime | None
+    last_looked: datetime | None
+    confirmed_at: datetime | None = Field(description="Since when the evidence stands, in the time of the reports.")
+    policy_version: str
+    merged_into: int | None = Field(description="Withdrawn, because it is part of this watch feature.")
+    review: Review | None
+
+
+class FeedEntry(BaseModel):
+    """What the service said at one time about one change."""
+
+    sequence: int
+    said_at: datetime
+    change: Change
+
+
+class FeedPage(BaseModel):
+    """Entries of the feed in their order, without gaps but for what the filters leave out."""
+
+    entries: list[FeedEntry]
+    next: str | None = Field(description="Where the following entries are; null: there are none yet.")
+    last_sequence: int = Field(description="Everything up to here has been looked through: ask on with `after`.")
+
+
+class Contribution(BaseModel):
+    """What one vehicle reported within one hour, discounted once."""
+
+    vehicle: str = Field(description="A pseudonym that holds within this change only.")
+    time: datetime
+    weight_for: float
+    weight_against: float
+    informativeness: float = Field(description="0: saw nothing; 1: leaves no doubt.")
+    passes: int
+    position_residual_m: tuple[float, float] | None = Field(description="East and north of the change's place.")
+
+
+class CourseStep(Evidence):
+    """The evidence right after one contribution."""
+
+    time: datetime
+    vehicle: str
+    standing: bool
+
+
+class WouldFlip(BaseModel):
+    """What would turn the change, if nothing else happened."""
+
+    becomes: Literal["confirmed", "withdrawn"]
+    by: Literal["misses", "detections"]
+    vehicles: int | None = Field(description="How many further vehicles it would take; null: no number of them alone.")
+    sentence: str
+
+
+class HistoryEntry(BaseModel):
+    """When a state of the change was published."""
+
+    sequence: int
+    said_at: datetime
+    state: State
+    revision: int
+
+
+class Explanation(BaseModel):
+    """The evidence behind a change, as stored."""
+
+    as_of: datetime
+    evidence_now: Evidence = Field(description="Decayed to `as_of`.")
+    prior_weight: float = Field(description="Weight of the map's own word, -ln(1 - existence_confidence).")
+    contributions: list[Contribution]
+    course: list[CourseStep] = Field(description="The newest informative contributions, folded one by one.")
+    policy: dict[str, Any]
+    would_flip: WouldFlip
+
+
+class ExplainedChange(Change):
+    """A change as last published, the evidence behind it, and what was said about it."""
+
+    evidence: Explanation
+    history: list[HistoryEntry]
+
+
+class ReviewRequest(BaseModel):
+    """A provider's decision."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={"examples": [{"decision": "accept"}, {"decision": "reject", "reason": "a poster"}]},
+    )
+
+    decision: Literal["accept", "reject"]
+    reason: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=1000)] | None = Field(
+        None, description="Why; needed to reject."
+    )
+    version: Annotated[str, StringConstraints(min_length=1, max_length=200)] | None = Field(
+        None, description="Name of the map version that accepting makes; without it, the imported one's plus a number."
+    )
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.decision == "reject" and self.reason is None:
+            raise ValueError("a rejection needs a reason")
+        if self.decision == "reject" and self.version is not None:
+            raise ValueError("a rejection makes no map version")
+        for name, value in (("reason", self.reason), ("version", self.version)):
+            if value is not None and not value.replace("\n", "").isprintable():
+                raise ValueError(f"{name} must be printable")
+        return self

@@ -1,0 +1,100 @@
+"""A map feature with what is believed about it now."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import Row
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from slamcu_core.aggregation import FoldedState, Policy, decayed
+from slamcu_core.evidence import support
+from slamcu_server.changes.document import evidence, timestamp
+from slamcu_server.changes.repository import find_policy
+from slamcu_server.features import repository
+from slamcu_server.problems import Problem
+
+
+async def find_feature(connection: AsyncConnection, feature_id: int) -> dict[str, Any]:
+    """Return the document of a feature; answer 404 if there is none."""
+    row = await repository.find_feature(connection, feature_id)
+    if row is None:
+        raise Problem(404, "unknown-feature", f"there is no feature {feature_id}")
+    policy = None if row.state_of is None else await find_policy(connection, row.policy_version)
+    versions = await repository.list_versions(connection, feature_id)
+    changes = await repository.list_changes(connection, feature_id)
+    return {
+        "id": row.id,
+        "map": row.source,
+        "object_id": row.object_id,
+        "in_map": row.to_sequence is None,
+        "standing": _standing(row, policy or Policy(), datetime.now(UTC)),
+        "versions": [_version(version) for version in versions],
+        "changes": [{"id": change.id, "kind": change.kind, "state": change.state} for change in changes],
+    }
+
+
+async def find_id(connection: AsyncConnection, source: str, object_id: int) -> int:
+    """Return the id of the feature that a map calls `object_id`; answer 404 if there is none."""
+    found = await repository.find_id(connection, source, object_id) if source.isprintable() else None
+    if found is None:
+        raise Problem(404, "unknown-feature", f"map {source[:200]!r} never had a feature {object_id}")
+    return found
+
+
+def _standing(row: Row[Any], policy: Policy, as_of: datetime) -> dict[str, Any]:
+    if row.state_of is None:
+        prior = float(support(row.existence_confidence))
+        return {"as_of": timestamp(as_of), **evidence(prior, 0.0), **_NOBODY}
+    state = FoldedState(
+        weight_for=row.weight_for,
+        weight_against=row.weight_against,
+        contributors_for=row.contributors_for,
+        contributors_against=row.contributors_against,
+        last_informative=None if row.last_informative is None else row.last_informative.timestamp(),
+        standing=row.standing,
+        stood_since=None,
+        steps=(),
+    )
+    return {
+        "as_of": timestamp(as_of),
+        **evidence(*decayed(state, as_of.timestamp(), policy.for_class(row.feature_class))),
+        "stands_against": row.standing,
+        "contributors_for": row.contributors_for,
+        "contributors_against": row.contributors_against,
+        "passes": row.passes,
+        "looked": row.looked,
+        "blocked": row.blocked,
+        "last_looked": timestamp(row.last_looked),
+        "last_seen": timestamp(row.last_seen),
+        "policy_version": row.policy_version,
+    }
+
+
+_NOBODY: dict[str, Any] = {
+    "stands_against": False,
+    "contributors_for": 0,
+    "contributors_against": 0,
+    "passes": 0,
+    "looked": 0,
+    "blocked": 0,
+    "last_looked": None,
+    "last_seen": None,
+    "policy_version": None,
+}
+
+
+def _version(row: Row[Any]) -> dict[str, Any]:
+    place = [row.lon, row.lat] if row.altitude is None else [row.lon, row.lat, row.altitude]
+    return {
+        "since": row.since,
+        "until": row.until,
+        "class": row.feature_class,
+        "sign": row.sign,
+        "value": row.value,
+        "geometry": {"type": "Point", "coordinates": place},
+        "heading_deg": row.heading_deg,
+        "existence_confidence": row.existence_confidence,
+        "position_std_m": row.position_std_m,
+    }
