@@ -60,8 +60,8 @@ def fuse_positions(xy: ArrayLike, covariance: ArrayLike, contributor: ArrayLike,
     means, spreads, present = per_contributor(places[inlier], own[inlier], who[inlier], common)
     centre, fused = information_mean(means, spreads)
     if not agreed and present.size >= 2:
-        squared = float(_mahalanobis(means - centre, spreads).sum())
-        fused = fused * (squared / (2 * present.size - 2) if squared > policy.gate else 1.0)
+        ratio = float(_mahalanobis(means - centre, spreads).sum()) / (2 * present.size - 2)
+        fused = fused * (ratio if 2.0 * ratio > policy.gate else 1.0)
     unsorted = np.empty_like(inlier)
     unsorted[order] = inlier
     return FusedPosition(centre, fused, unsorted, int(present.size))

@@ -226,6 +226,29 @@ def test_an_unreadable_sign_goes_with_any_but_does_not_join_two() -> None:
     assert unread in (stop, give_way)
 
 
+def test_two_signs_do_not_meet_in_a_cluster_that_could_read_neither() -> None:
+    # each named find sits nearer its namesake, but the unread cluster between them is larger and draws both
+    passes = [
+        Pass(0.0, contributor=1, session="a"),
+        Pass(0.0, contributor=2, session="b", index=1),
+        Pass(0.7, sign="STOP", contributor=3, session="c", index=2),
+        Pass(1.0, sign="STOP", contributor=1, session="a", index=3),
+        Pass(-0.7, sign="YIELD", contributor=4, session="d", index=4),
+        Pass(-1.0, sign="YIELD", contributor=2, session="b", index=5),
+    ]
+    labels = _cluster(passes).labels
+    assert labels[0] == labels[1]
+    assert not {*labels[2:4]} & {*labels[4:]}
+    assert labels[0] != labels[3]
+    assert labels[1] != labels[5]
+
+
+def test_where_the_frame_is_anchored_does_not_matter() -> None:
+    passes = _drives(np.random.default_rng(7), [(0.0, 0.0), (2.0, 0.0), (9.0, 4.0)], 8)
+    moved = [dataclasses.replace(item, x=item.x + 2_000.0, y=item.y - 3_000.0) for item in passes]
+    assert _cluster(moved).labels.tolist() == _cluster(passes).labels.tolist()
+
+
 def test_a_miss_goes_to_the_nearest_candidate_and_founds_none() -> None:
     passes = [
         Pass(0.0, start=100.0),

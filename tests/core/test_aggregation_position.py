@@ -84,11 +84,21 @@ def test_order_does_not_matter(passes: int, seed: int, cars: int) -> None:
     order = rng.permutation(passes)
     one = fuse_positions(xy, covariance, who, POLICY)
     other = fuse_positions(xy[order], covariance[order], who[order], POLICY)
-    np.testing.assert_allclose(other.xy, one.xy, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(other.covariance, one.covariance, rtol=0.0, atol=1e-9)
+    np.testing.assert_array_equal(other.xy, one.xy)
+    np.testing.assert_array_equal(other.covariance, one.covariance)
     np.testing.assert_array_equal(other.inlier, one.inlier[order])
     assert np.linalg.eigvalsh(one.covariance).min() > 0.0
     assert one.contributors == np.unique(who[one.inlier]).size >= 1
+
+
+@pytest.mark.parametrize("wrong", [0, 1])
+def test_where_the_frame_is_anchored_does_not_matter(wrong: int) -> None:
+    for seed in range(40):
+        xy, covariance, who = _passes(np.random.default_rng(seed), 6, 2, wrong=wrong)
+        here, there = fuse_positions(xy, covariance, who, POLICY), fuse_positions(xy + 3_000.0, covariance, who, POLICY)
+        np.testing.assert_allclose(there.xy - 3_000.0, here.xy, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(there.covariance, here.covariance, rtol=0.0, atol=1e-9)
+        np.testing.assert_array_equal(there.inlier, here.inlier)
 
 
 def test_a_single_pass_keeps_its_covariance() -> None:
