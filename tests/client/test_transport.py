@@ -1,0 +1,109 @@
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Callable, Iterator
+
+import pytest
+from slamcu_client import HttpxTransport, Request, TransportError
+from slamcu_client.errors import Fault
+
+OK = b"HTTP/1.1 200 OK\r\nContent-Type: text/plain\r\nX-Mixed-Case: yes\r\n"
+
+
+@pytest.fixture
+def over() -> threading.Event:
+    """Set when the test is over: lets a server that hangs go."""
+    return threading.Event()
+
+
+@pytest.fixture
+def speaks(over: threading.Event) -> Iterator[Callable[[Callable[[socket.socket], None]], str]]:
+    """`speaks(talk)`: the URL of a server that lets `talk` answer one request over the bare socket."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    threads: list[threading.Thread] = []
+
+    def start(talk: Callable[[socket.socket], None]) -> str:
+        def work() -> None:
+            connection, _ = listener.accept()
+            with connection:
+                connection.recv(65536)
+                try:
+                    talk(connection)
+                except OSError:
+                    return  # the client has hung up, as it may
+
+        thread = threading.Thread(target=work, daemon=True)
+        thread.start()
+        threads.append(thread)
+        return f"http://127.0.0.1:{listener.getsockname()[1]}/"
+
+    yield start
+    over.set()
+    for thread in threads:
+        thread.join(10.0)
+    listener.close()
+
+
+@pytest.fixture
+def transport() -> Iterator[HttpxTransport]:
+    carrier = HttpxTransport(connect_timeout_s=5.0, read_timeout_s=0.3, total_timeout_s=0.6, max_answer_bytes=1000)
+    yield carrier
+    carrier.close()
+
+
+def fault_of(transport: HttpxTransport, url: str) -> Fault:
+    request = Request("GET", url, {"Authorization": "Bearer secret"})
+    with pytest.raises(TransportError) as caught:
+        transport.send(request)
+    assert caught.value.request is request
+    assert "secret" not in str(caught.value)
+    return caught.value.fault
+
+
+def test_a_whole_answer(speaks, transport) -> None:
+    url = speaks(lambda connection: connection.sendall(OK + b"Content-Length: 5\r\n\r\nhello"))
+    response = transport.send(Request("GET", url))
+    assert (response.status, response.content, response.headers["x-mixed-case"]) == (200, b"hello", "yes")
+
+
+def test_redirects_are_answers_and_not_followed(speaks, transport) -> None:
+    head = b"HTTP/1.1 302 Found\r\nLocation: http://192.0.2.1/\r\nContent-Length: 0\r\n\r\n"
+    assert transport.send(Request("GET", speaks(lambda connection: connection.sendall(head)))).status == 302
+
+
+def test_nobody_there(transport) -> None:
+    assert fault_of(transport, "http://127.0.0.1:1/") is Fault.UNREACHABLE
+
+
+def test_a_server_that_hangs_up(speaks, transport) -> None:
+    assert fault_of(transport, speaks(lambda connection: None)) is Fault.INTERRUPTED
+
+
+def test_an_answer_cut_short(speaks, transport) -> None:
+    url = speaks(lambda connection: connection.sendall(OK + b"Content-Length: 50\r\n\r\nhello"))
+    assert fault_of(transport, url) is Fault.INTERRUPTED
+
+
+def test_an_answer_that_is_no_http(speaks, transport) -> None:
+    assert (
+        fault_of(transport, speaks(lambda connection: connection.sendall(b"220 mail ready\r\n"))) is Fault.INTERRUPTED
+    )
+
+
+def test_a_server_that_says_nothing(speaks, over, transport) -> None:
+    assert fault_of(transport, speaks(lambda connection: over.wait(30.0))) is Fault.TIMEOUT
+
+
+def test_a_server_that_trickles_forever(speaks, over, transport) -> None:
+    def trickle(connection: socket.socket) -> None:
+        connection.sendall(OK + b"Content-Length: 100000\r\n\r\n")
+        while not over.wait(0.05):
+            connection.sendall(b".")
+
+    assert fault_of(transport, speaks(trickle)) is Fault.TIMEOUT
+
+
+def test_an_answer_that_would_fill_the_memory(speaks, transport) -> None:
+    url = speaks(lambda connection: connection.sendall(OK + b"Content-Length: 5000\r\n\r\n" + bytes(5000)))
+    assert fault_of(transport, url) is Fault.INTERRUPTED
