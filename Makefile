@@ -16,7 +16,7 @@ setup: ## Install PostGIS and .venv if they are missing (the other targets do it
 	@scripts/setup-venv
 
 demo: setup ## Drive a fleet over a changed road and show what the cloud makes of it (KEEP=1: go on serving)
-	@$(BIN)/slamcu-eval demo --out demo-output $(if $(KEEP),--keep)
+	@$(BIN)/slamcu-eval demo --out demo-output
 
 test: setup ## Run every test, the fast ones first
 	@$(BIN)/python -m pytest $(PYTEST_ARGS)
