@@ -91,7 +91,7 @@ class CameraParameters:
 class TrafficParameters:
     """The trucks that hide signs and carry painted ones (own choice; floor: 1 % of passes wholly hidden)."""
 
-    encounter_interval_s: float = 40.0  # mean time between vehicles met; makes 1.5 to 2 % of passes wholly hidden
+    encounter_interval_s: float = 50.0  # mean time between vehicles met; hides 1.5 to 2 % of passes (paper: 1 of 55)
     min_speed: float = 21.5  # m/s; trucks go 77 to 85 km/h
     max_speed: float = 23.5
     overtaker_share: float = 0.15  # share of encounters with a coach on the left that overtakes
