@@ -1,15 +1,15 @@
 """The parameters of the cloud's evidence law, per feature class, as a document with a version.
 
-The start values, by a Monte Carlo over full passes of different cars, λ_HD 0.95 (repeat it, with other values too, by
-`pytest tests/core/test_aggregation_regime.py`, whose `false_deletions` and `passes_to_deletion` are the simulation):
+The start values, measured over full passes of different cars, λ_HD 0.95 (the functions in
+`tests/core/test_aggregation_regime.py` are the measurement: call them with other values to choose others):
 
 =================================================  =======  =======  =======
 threshold `enter`                                    0.79     0.80     0.85
 =================================================  =======  =======  =======
 unanimous misses that delete a fresh feature            3        4        4
 false deletions per 10⁴ passes, 5 % misses
-    first 10 passes of a fresh map                   0.17     0.06     0.03
-    long run                                         0.04     0.03     0.02
+    first 10 passes of a fresh map, exactly          0.20     0.07     0.03
+    long run (1.8·10⁷ passes)                        0.03     0.03     0.01
 the same, 10 % misses, long run                      1.0      0.9      0.4
 passes to see a deletion, median (95 %)
     fresh map                                       3 (5)    4 (6)    4 (6)
