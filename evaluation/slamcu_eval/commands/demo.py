@@ -53,10 +53,7 @@ def register(app: typer.Typer) -> None:
             _write(result, out)
             console.print(comparison_table(result))
             console.print(acceptance_table(acceptance, world.name))
-            console.print(
-                f"written: {out / _PICTURE} (the road and its changes), {out / _RESULT}, {out / _FIGURES}",
-                highlight=False,
-            )
+            _say(f"written: {out}/ {_PICTURE} (the road and its changes), {_RESULT}, {_FIGURES}")
             _say(f"{result.passes} passes in {result.messages} messages; {time.monotonic() - begun:.0f} s in all")
             _how_to_look_further(cloud, acceptance, world.name, keep=keep)
             if keep:

@@ -40,6 +40,9 @@ class HighwayDrive:
         truth = np.column_stack([drive.reference.t, drive.reference.lon, drive.reference.lat])
         return OpenDrive(drive.header, drive.records, truth)
 
+    def __str__(self) -> str:
+        return f"car {self.vehicle + 1}"
+
 
 @dataclass(frozen=True, slots=True)
 class Told:

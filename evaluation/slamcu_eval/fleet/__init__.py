@@ -1,7 +1,7 @@
 """A fleet and its cloud: real vehicles' software in processes of their own, and a real server that they report to."""
 
 from slamcu_eval.fleet.cloud import Cloud, CloudError
-from slamcu_eval.fleet.processes import drive_fleet
+from slamcu_eval.fleet.processes import VehicleError, drive_fleet
 from slamcu_eval.fleet.readback import fused_result, standing_changes
 from slamcu_eval.fleet.vehicle import (
     Account,
@@ -19,6 +19,7 @@ __all__ = [
     "CloudError",
     "DriveSource",
     "OpenDrive",
+    "VehicleError",
     "VehicleJob",
     "VehicleOutcome",
     "drive_fleet",

@@ -57,6 +57,7 @@ class Cloud:
         self._stack = ExitStack()
         self._process: subprocess.Popen[bytes] | None = None
         self._provider: Server | None = None
+        self._batches = 0
         self.url = ""
         self.provider_key = ""
 
@@ -67,6 +68,7 @@ class Cloud:
                 stack.enter_context(tempfile.TemporaryDirectory(prefix="slamcu-", ignore_cleanup_errors=True))
             )
             self._home.chmod(0o711)  # PostgreSQL does not run as root, and must be able to get to its directory
+            self.scratch.mkdir()
             stack.callback(self._stop_cluster)
             stack.callback(self.stop)
             self._environment = self._private_environment()
@@ -200,7 +202,9 @@ class Cloud:
 
     def create_keys(self, role: str, count: int) -> list[str]:
         """Make accounts of a role, and return a key of each."""
-        output = self.command("create-key", "--role", role, "--label", f"{role}-evaluation", "--count", str(count))
+        self._batches += 1
+        label = f"{role}-{self._batches}"  # labels are unique, and another batch may come
+        output = self.command("create-key", "--role", role, "--label", label, "--count", str(count))
         return [line.rsplit("\t", 1)[-1] for line in output.split("\n") if line.strip()]
 
     def request(

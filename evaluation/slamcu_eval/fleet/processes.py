@@ -11,12 +11,17 @@ from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from functools import partial
 from multiprocessing.queues import Queue
 
+from slamcu_core.errors import SlamcuError
 from slamcu_eval.fleet.vehicle import VehicleJob, VehicleOutcome, drive_vehicle
 
 Tell = Callable[[int, float], None]
 
 _POLL_S = 0.1
 _progress: Queue[tuple[int, float]] | None = None  # of a vehicle's process, set when it starts
+
+
+class VehicleError(SlamcuError):
+    """A vehicle of a fleet could not drive or report; the text says which one and why."""
 
 
 def drive_fleet(
@@ -29,7 +34,7 @@ def drive_fleet(
     processes : how many drive at the same time; by default as many as there are processors.
     tell : called in this process with the number of a vehicle and the share of its drive that is done.
 
-    Raises what a vehicle raised; the others are stopped then, as they are on Ctrl-C.
+    Raises VehicleError if one could not drive or report; the others are stopped then, as they are on Ctrl-C.
     """
     context = mp.get_context("spawn")  # no locks and threads of the parent in the middle of something
     shares: Queue[tuple[int, float]] = context.Queue()
@@ -71,7 +76,11 @@ def _begin(shares: Queue[tuple[int, float]]) -> None:
 
 
 def _drive(index: int, job: VehicleJob) -> VehicleOutcome:
-    return drive_vehicle(job, partial(_tell, index))
+    try:
+        return drive_vehicle(job, partial(_tell, index))
+    except (SlamcuError, OSError) as error:
+        # In words, because not every error survives the way between processes.
+        raise VehicleError(f"{job.drive}: {error}") from None
 
 
 def _tell(index: int, share: float) -> None:

@@ -11,13 +11,9 @@ _PUBLISHED = frozenset({"confirmed", "accepted"})
 
 
 def standing_changes(cloud: Cloud, map_name: str) -> list[dict[str, Any]]:
-    """Return each change of a map as the feed last told it, by the order of the changes' ids."""
-    newest: dict[int, dict[str, Any]] = {}
-    for page in cloud.pages("/v1/changes", {"map": map_name}):
-        for change in page["changes"]:
-            if change["map"] == map_name:
-                newest[change["id"]] = change
-    return [newest[number] for number in sorted(newest)]
+    """Return each change of a map as the feed last told it, in the order in which that was said."""
+    pages = cloud.pages("/v1/changes", {"map": map_name, "latest": "true", "limit": "1000"})
+    return [entry["change"] for page in pages for entry in page["entries"]]
 
 
 def fused_result(cloud: Cloud, map_name: str) -> list[ResultFeature]:
@@ -26,7 +22,7 @@ def fused_result(cloud: Cloud, map_name: str) -> list[ResultFeature]:
     about = {change["map_object_id"]: change for change in changes if change["kind"] != "new"}
     result = []
     for feature in cloud.features(map_name):
-        evidence = cloud.get(f"/v1/features/{feature['properties']['feature_id']}")
+        evidence = cloud.get(f"/v1/features/{feature['properties']['feature_id']}")["standing"]
         result.append(_map_feature(feature, evidence, about.get(feature["id"])))
     return result + [_new_feature(change) for change in changes if change["kind"] == "new"]
 

@@ -107,7 +107,6 @@ def _score(edit: Edit, features: list[ResultFeature]) -> Score:
 
 
 def _import_maps(cloud: Cloud, edits: Sequence[Edit]) -> None:
-    cloud.scratch.mkdir(exist_ok=True)
     for edit in edits:
         path = cloud.scratch / f"{edit.name}.geojson"
         path.write_text("".join(write_hd_map(edit.hd_map.identity, edit.hd_map)), encoding="utf-8")
