@@ -119,6 +119,10 @@ class Town:
         waiting = await self.scalar("SELECT count(*) FROM messages WHERE state = 'pending'")
         assert waiting == 0
 
+    async def fuse_some(self, batch_size: int) -> None:
+        """Fuse beside others, who may hold what waits."""
+        await drain(self.engine, self.policy, batch_size)
+
     async def candidates(self) -> list[Any]:
         return await self.rows("SELECT * FROM candidates WHERE merged_into IS NULL AND feature_id IS NULL ORDER BY id")
 
