@@ -48,10 +48,10 @@ class FeatureCollection:
             place = Place(self._source, self._stream.value_line)
             if name != "features":
                 self._keep(name, value, place)
-            elif value is END_OF_LIST:
-                ended_list = True
             elif ended_list:
                 raise place.error("expected one list, there are two", "features")
+            elif value is END_OF_LIST:
+                ended_list = True
             else:
                 yield self._point(value, place, index)
                 index += 1

@@ -67,7 +67,9 @@ class JsonObjectStream:
                     raise self._error("expected the name of a member in quotes")
                 name = str(self._decode())
                 self._expect(":", f'expected ":" after "{name[:60]}"')
-                if name == streamed and self._peek() == "[":
+                if name == streamed:
+                    if self._peek() != "[":
+                        raise self._error(f'expected a list under "{name}"')
                     for element in self._elements():
                         yield name, element
                     yield name, END_OF_LIST
