@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import sqlite3
-import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -14,7 +13,7 @@ from types import TracebackType
 from typing import NamedTuple, Self
 
 from slamcu_client.errors import OutboxError, SessionClosedError
-from slamcu_client.outbox_schema import APPLICATION_ID, SCHEMA, SCHEMA_VERSION
+from slamcu_client.outbox_database import OutboxDatabase
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
@@ -104,42 +103,7 @@ class Outbox:
             raise OutboxError("the bounds of an outbox must be at least 1")
         self.path = Path(path)
         self._max_messages, self._max_bytes, self._max_rejected = max_messages, max_bytes, max_rejected
-        self._lock = threading.RLock()
-        try:
-            # made before SQLite opens it, because its companions (-wal, -shm) take over this mode
-            os.close(os.open(self.path, os.O_RDWR | os.O_CREAT, 0o600))
-            self.path.chmod(0o600)
-        except OSError as error:
-            raise OutboxError(f"{self.path}: cannot be opened: {error.strerror}") from error
-        with self._errors():
-            self._db = sqlite3.connect(self.path, timeout=30.0, isolation_level=None, check_same_thread=False)
-        try:
-            with self._errors():
-                self._prepare()
-        except OutboxError:
-            self._db.close()
-            raise
-
-    def _prepare(self) -> None:
-        self._db.execute("PRAGMA synchronous = FULL")
-        self._db.execute("PRAGMA journal_size_limit = 4194304")
-        with self._transaction() as db:
-            (application,) = db.execute("PRAGMA application_id").fetchone()
-            (found,) = db.execute("PRAGMA user_version").fetchone()
-            (tables,) = db.execute("SELECT count(*) FROM sqlite_master").fetchone()
-            if application != APPLICATION_ID and tables:
-                raise OutboxError(f"{self.path}: is a database, but not an outbox")
-            if found > SCHEMA_VERSION:
-                raise OutboxError(f"{self.path}: was written by a newer slamcu-client (schema {found})")
-            if not tables:
-                for statement in SCHEMA:
-                    db.execute(statement)
-                db.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-                db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
-        # after the checks, because it rewrites the header of the file, which may be another program's; and only if it
-        # is not so yet, because it wants the file for itself
-        if self._db.execute("PRAGMA journal_mode").fetchone() != ("wal",):
-            self._db.execute("PRAGMA journal_mode = WAL")
+        self._database = OutboxDatabase(self.path)
 
     def __enter__(self) -> Self:
         return self
@@ -151,15 +115,14 @@ class Outbox:
 
     def close(self) -> None:
         """Close the file; what waits stays in it."""
-        with self._lock, self._errors():
-            self._db.close()
+        self._database.close()
 
     # --- what a session needs ---------------------------------------------------------------------------------------
 
     def session(self, session_id: str) -> SessionState:
         """Return how far a session has come; all zero for one that was never seen."""
-        with self._lock, self._errors():
-            row = self._db.execute(
+        with self._database.reading() as db:
+            row = db.execute(
                 "SELECT last_message_id, reported_until, closed FROM sessions WHERE session_id = ?", (session_id,)
             ).fetchone()
         if row is None:
@@ -189,7 +152,7 @@ class Outbox:
         Raises OutboxError if the disk fails or a message is larger than the outbox, SessionClosedError if the session
         is closed already.
         """
-        with self._transaction() as db:
+        with self._database.transaction() as db:
             state = self.session(session_id)
             if state.closed:
                 raise SessionClosedError(f"session {session_id} is closed: a new drive needs a new session id")
@@ -235,7 +198,7 @@ class Outbox:
             "SELECT session_id, message_id, body, attempts FROM messages"
             " ORDER BY put_off, (attempts = 0), sequence LIMIT ?"
         )
-        with self._lock, self._errors(), closing(self._db.execute(query, (limit,))) as rows:
+        with self._database.reading() as db, closing(db.execute(query, (limit,))) as rows:
             for session_id, message_id, body, attempts in rows:
                 size += len(body)
                 if chosen and max_bytes is not None and size > max_bytes:
@@ -245,31 +208,31 @@ class Outbox:
 
     def attempt(self, keys: Iterable[MessageKey]) -> None:
         """Note that messages are about to be sent, so that a crash in between leaves them marked as interrupted."""
-        with self._transaction() as db:
+        with self._database.transaction() as db:
             db.executemany(
                 "UPDATE messages SET attempts = attempts + 1 WHERE session_id = ? AND message_id = ?", list(keys)
             )
 
     def put_off(self, key: MessageKey) -> None:
         """Let all others go before a message that the server fails over."""
-        with self._transaction() as db:
+        with self._database.transaction() as db:
             db.execute("UPDATE messages SET put_off = put_off + 1 WHERE session_id = ? AND message_id = ?", key)
 
     def acknowledge(self, keys: Iterable[MessageKey]) -> None:
         """Forget messages that the server has taken; keys that are no longer there are passed over."""
-        with self._transaction() as db:
+        with self._database.transaction() as db:
             self._acknowledge(db, keys)
 
     def settle(self, acknowledged: Iterable[MessageKey], rejected: Iterable[tuple[MessageKey, str, str]]) -> None:
         """Acknowledge and reject what one answer speaks of, in one transaction; rejected: (key, reason, detail)."""
-        with self._transaction() as db:
+        with self._database.transaction() as db:
             self._acknowledge(db, acknowledged)
             for key, reason, detail in rejected:
                 self._reject(db, key, reason, detail)
 
     def reject(self, key: MessageKey, reason: str, detail: str = "") -> None:
         """Move a message that the server refused to the table of rejected ones, which keeps the newest few."""
-        with self._transaction() as db:
+        with self._database.transaction() as db:
             self._reject(db, key, reason, detail)
 
     @staticmethod
@@ -295,8 +258,8 @@ class Outbox:
 
     def rejected(self, limit: int = 100) -> list[RejectedMessage]:
         """Return the newest messages that the server refused, with its reasons."""
-        with self._lock, self._errors():
-            rows = self._db.execute(
+        with self._database.reading() as db:
+            rows = db.execute(
                 "SELECT session_id, message_id, body, reason, detail, rejected_at FROM rejected"
                 " ORDER BY sequence DESC LIMIT ?",
                 (limit,),
@@ -308,28 +271,6 @@ class Outbox:
 
     def stats(self) -> OutboxStats:
         """Return how full the outbox is and what became of everything that was put in."""
-        with self._lock, self._errors():
-            row = self._db.execute(
-                "SELECT pending, pending_bytes, acknowledged, rejected, dropped FROM totals"
-            ).fetchone()
+        with self._database.reading() as db:
+            row = db.execute("SELECT pending, pending_bytes, acknowledged, rejected, dropped FROM totals").fetchone()
         return OutboxStats(*row)
-
-    # --- SQLite -----------------------------------------------------------------------------------------------------
-
-    @contextmanager
-    def _errors(self) -> Iterator[None]:
-        try:
-            yield
-        except sqlite3.Error as error:
-            raise OutboxError(f"{self.path}: {error}") from error
-
-    @contextmanager
-    def _transaction(self) -> Iterator[sqlite3.Connection]:
-        with self._lock, self._errors():
-            self._db.execute("BEGIN IMMEDIATE")
-            try:
-                yield self._db
-                self._db.execute("COMMIT")
-            except BaseException:
-                self._db.rollback()
-                raise

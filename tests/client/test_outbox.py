@@ -145,9 +145,11 @@ def test_only_the_owner_may_read_it(tmp_path: Path) -> None:
 def test_a_file_that_is_no_database_is_named_and_left_alone(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "notes"
     path.write_bytes(content)
-    with pytest.raises(OutboxError, match="notes"):
+    path.chmod(0o644)
+    with pytest.raises(OutboxError, match="notes: is there, but is not an outbox"):
         Outbox(path)
     assert path.read_bytes() == content
+    assert stat.S_IMODE(path.stat().st_mode) == 0o644
 
 
 def test_the_database_of_another_program_is_left_alone(tmp_path: Path) -> None:

@@ -205,7 +205,7 @@ def test_a_result_is_not_touched_by_a_drive_that_fails(folder: Path, vehicle) ->
         (("drive", "--map", "map.geojson", "--log", "map.geojson"), "map.geojson, line 1"),
         (("drive", "--map", "map.geojson", "--log", "cut.jsonl.gz"), "gzip packing is broken"),
         ((*LOCAL, "--result", "no/such/folder.geojson"), "there is no folder no/such"),
-        ((*LOCAL, "--outbox", "map.geojson"), "map.geojson: file is not a database"),
+        ((*LOCAL, "--outbox", "map.geojson"), "map.geojson: is there, but is not an outbox"),
         ((*LOCAL, "--server", "example.org", "--api-key", "k"), "a server's address looks like"),
         (("upload", "--outbox", "nowhere", "--server", "http://x", "--api-key", "k"), "no such outbox"),
     ],
