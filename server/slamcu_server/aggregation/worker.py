@@ -54,9 +54,10 @@ async def run_worker(
         )
     retention = timedelta(days=settings.message_retention_days)
     cleaned_at = -_HOUSEKEEPING_S
-    async with _woken(engine) as wake:
+    async with _listening(engine) as caller:
         while not stop.is_set():
-            wake.clear()
+            caller.event.clear()
+            caller.require()
             begun = time.monotonic()
             fused = await fuse_pending(engine, policy, batch_size)
             if instruments is not None and fused.messages:
@@ -68,7 +69,7 @@ async def run_worker(
             if begun - cleaned_at > _HOUSEKEEPING_S:
                 await forget_bodies(engine, retention)
                 cleaned_at = begun
-            await _first(wake, stop, timeout_s=POLL_S)
+            await _first(caller.event, stop, timeout_s=POLL_S)
 
 
 async def fuse_pending(engine: AsyncEngine, policy: Policy, batch_size: int = BATCH_SIZE) -> Fused:
@@ -145,26 +146,43 @@ def _lost(error: BaseException) -> bool:
     )
 
 
+class _Caller:
+    """What the log calls on: set whenever messages are logged, and lost with its connection."""
+
+    def __init__(self) -> None:
+        self.event = asyncio.Event()
+        self._lost = False
+
+    def call(self, *_: object) -> None:
+        """Note that something waits."""
+        self.event.set()
+
+    def lose(self, *_: object) -> None:
+        """Note that nobody can call any more."""
+        self._lost = True
+        self.event.set()
+
+    def require(self) -> None:
+        """Raise ConnectionError if nobody can call any more."""
+        if self._lost:
+            raise ConnectionError("the connection on which the log calls is lost")
+
+
 @asynccontextmanager
-async def _woken(engine: AsyncEngine) -> AsyncIterator[asyncio.Event]:
-    """Give an event that is set whenever messages are logged."""
-    wake = asyncio.Event()
-
-    def call(*_: object) -> None:
-        wake.set()
-
+async def _listening(engine: AsyncEngine) -> AsyncIterator[_Caller]:
+    caller = _Caller()
     async with engine.connect() as connection:
         driver = (await connection.get_raw_connection()).driver_connection
         if driver is None:
             raise ConnectionError("the connection to listen on is closed")
-        await driver.add_listener(log.CHANNEL, call)
-        # A connection that is lost wakes the worker too: whatever it does next finds the database gone or back.
-        driver.add_termination_listener(call)
+        await driver.add_listener(log.CHANNEL, caller.call)
+        driver.add_termination_listener(caller.lose)
         try:
-            yield wake
+            yield caller
         finally:
+            driver.remove_termination_listener(caller.lose)
             if not driver.is_closed():
-                await driver.remove_listener(log.CHANNEL, call)
+                await driver.remove_listener(log.CHANNEL, caller.call)
 
 
 async def _first(*events: asyncio.Event, timeout_s: float) -> None:

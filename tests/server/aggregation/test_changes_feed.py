@@ -14,7 +14,9 @@ from slamcu_server.changes.belief import Kind, State
 pytestmark = pytest.mark.anyio
 
 
-async def confirm_new(town: Any, reports: Any, x: float, *, cars: tuple[str, ...] = ("a", "b"), hours: float = 0) -> None:
+async def confirm_new(
+    town: Any, reports: Any, x: float, *, cars: tuple[str, ...] = ("a", "b"), hours: float = 0
+) -> None:
     for car in cars:
         await town.report(car, reports.find(x, 0, hours=hours))
     await town.fuse()
@@ -113,7 +115,9 @@ async def test_a_transaction_that_fails_leaves_no_gap(town: Any, reports: Any, e
     [change] = await town.changes()
     async with engine.connect() as failing:
         transaction = await failing.begin()
-        await feed.append(failing, [feed.Entry(change.id, change.map_id, Kind.NEW, State.CONFIRMED, 2, change.document)])
+        await feed.append(
+            failing, [feed.Entry(change.id, change.map_id, Kind.NEW, State.CONFIRMED, 2, change.document)]
+        )
         await transaction.rollback()
     await confirm_new(town, reports, 300)
     assert [row.sequence for row in await town.entries()] == [1, 2]
@@ -150,7 +154,9 @@ async def test_what_would_flip_does_flip(
     needed = document["evidence"]["would_flip"]["vehicles"]
     for number in range(needed):
         assert (await town.changes())[0].state == "confirmed"
-        await town.report(f"skeptic-{number}", reports.missed(document["watch_id"], hours=2 + number, watched=True, weight=20))
+        await town.report(
+            f"skeptic-{number}", reports.missed(document["watch_id"], hours=2 + number, watched=True, weight=20)
+        )
         await town.fuse()
     assert (await town.changes())[0].state == "withdrawn"
 

@@ -168,22 +168,29 @@ async def test_a_review_names_the_revision_it_is_about(
         assert answer.status_code == status, answer.text
         assert answer.headers["content-type"] == "application/problem+json"
     assert (await town.changes())[0].state == "confirmed"
-    for body in ({"decision": "reject"}, {"decision": "maybe"}, {"decision": "reject", "reason": "x", "version": "y"}, {}):
+    for body in (
+        {"decision": "reject"},
+        {"decision": "maybe"},
+        {"decision": "reject", "reason": "x", "version": "y"},
+        {},
+    ):
         assert (await client.post(path, json=body, headers=provider | {"If-Match": '"1-2"'})).status_code == 422
     assert (await review(client, provider, 1, decision="accept", version="2026.05")).status_code == 409
     assert (await review(client, provider, 1, decision="accept")).status_code == 200
     assert (await review(client, provider, 1, decision="accept")).status_code == 409
-    answer = await client.post("/v1/changes/77/review", json={"decision": "accept"}, headers=provider | {"If-Match": "x"})
+    answer = await client.post(
+        "/v1/changes/77/review", json={"decision": "accept"}, headers=provider | {"If-Match": "x"}
+    )
     assert answer.status_code == 404
 
 
-async def test_of_two_reviewers_one_wins(
-    town: Any, reports: Any, client: httpx.AsyncClient, provider: Headers
-) -> None:
+async def test_of_two_reviewers_one_wins(town: Any, reports: Any, client: httpx.AsyncClient, provider: Headers) -> None:
     await confirm_new(town, reports)
     headers = provider | {"If-Match": '"1-1"'}
     bodies = [{"decision": "accept"}, {"decision": "reject", "reason": "no"}] * 3
-    answers = await asyncio.gather(*(client.post("/v1/changes/1/review", json=body, headers=headers) for body in bodies))
+    answers = await asyncio.gather(
+        *(client.post("/v1/changes/1/review", json=body, headers=headers) for body in bodies)
+    )
     assert sorted(answer.status_code for answer in answers) == [200, 412, 412, 412, 412, 412]
     assert len(await town.entries()) == 2
 
@@ -217,6 +224,8 @@ async def test_reports_during_a_review_are_neither_lost_nor_counted_twice(
     assert answer.status_code in {200, 412}, answer.text
     await town.fuse()
     assert await rebuild.differences(town.engine, town.policy) == []
-    counted = await town.rows("SELECT (feature_id IS NOT NULL)::int + (archived OR candidate_id IS NOT NULL)::int AS n FROM passes")
+    counted = await town.rows(
+        "SELECT (feature_id IS NOT NULL)::int + (archived OR candidate_id IS NOT NULL)::int AS n FROM passes"
+    )
     assert len(counted) == 22
     assert {row.n for row in counted} == {1}
