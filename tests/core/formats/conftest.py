@@ -8,6 +8,11 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from hypothesis import settings
+
+# the same examples everywhere, and no test that fails because the machine is busy
+settings.register_profile("slamcu", derandomize=True, deadline=None)
+settings.load_profile("slamcu")
 
 HEADER: dict[str, Any] = {
     "type": "header",

@@ -7,6 +7,7 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from hypothesis import settings
 
 from slamcu_core.hd_map import MapIdentity
 from slamcu_core.reports import (
@@ -19,6 +20,10 @@ from slamcu_core.reports import (
 )
 from slamcu_core.sensoris import encode_message
 from slamcu_core.sensoris.proto import base_pb2, data_pb2, traffic_regulation_pb2
+
+# the same examples everywhere, and no test that fails because the machine is busy
+settings.register_profile("slamcu", derandomize=True, deadline=None)
+settings.load_profile("slamcu")
 
 START = datetime(2026, 5, 1, 8, 0, 0, 123456, tzinfo=UTC)
 

@@ -1,9 +1,11 @@
 """Every message that cannot be used is refused with a stable reason and a text that says what was expected."""
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import pytest
 
@@ -405,3 +407,18 @@ def test_what_would_be_refused_is_not_sent(
 def test_a_sound_pass_passes_the_check(a_pass: PassReport) -> None:
     check_pass(a_pass)
     check_pass(replace(a_pass, ended_at=a_pass.started_at, started_at=a_pass.started_at - timedelta(days=3)))
+
+
+def test_every_reason_is_documented() -> None:
+    root = Path(__file__).parents[3]
+    code = "".join(path.read_text() for path in (root / "slamcu_core" / "sensoris").glob("*.py"))
+    raised = set(re.findall(r'WireError\(\s*"([a-z-]+)"', code))
+    section = (root / "docs" / "sensoris.md").read_text().split("## Refusals")[1]
+    documented = {
+        reason
+        for line in section.splitlines()
+        if line.startswith("| `")
+        for reason in re.findall(r"`([a-z-]+)`", line.split("|")[1])
+    }
+
+    assert raised == documented
