@@ -11,26 +11,35 @@ import sys
 import tempfile
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 import asyncpg
 import httpx
 import pytest
 from fastapi import FastAPI
+from slamcu_server import cli
 from slamcu_server.accounts.schemas import IssuedKey, Role
 from slamcu_server.accounts.service import create_account
 from slamcu_server.app import create_app
 from slamcu_server.database import migrate
 from slamcu_server.database.embedded import EmbeddedCluster
 from slamcu_server.database.engine import create_engine
+from slamcu_server.maps.importer import import_map
 from slamcu_server.settings import Settings
 from sqlalchemy.ext.asyncio import AsyncEngine
+
+from slamcu_core.formats import write_hd_map
+from slamcu_core.hd_map import MapFeature, MapIdentity
+from slamcu_core.reports import DetectionStatus, MapReference, PassReport, ReportMessage
 
 _TEMPLATE = "slamcu_template"
 _COMMAND = (sys.executable, "-m", "slamcu_server.cli")
 IssueKey = Callable[..., Awaitable[IssuedKey]]
+MakeReport = Callable[..., ReportMessage]
 
 
 @pytest.fixture(scope="session")
@@ -50,6 +59,8 @@ def short_dir() -> Iterator[Path]:
 @pytest.fixture(scope="session")
 def cluster(short_dir: Path) -> Iterator[EmbeddedCluster]:
     with EmbeddedCluster(short_dir / "session") as running:
+        # No test cuts the power, and copying databases is twice as fast without.
+        asyncio.run(_administer(running, "ALTER SYSTEM SET fsync = off", "SELECT pg_reload_conf()"))
         yield running
 
 
@@ -199,18 +210,21 @@ def server_environment(database_url: str) -> dict[str, str]:
 
 
 @pytest.fixture
-def command(server_environment: dict[str, str]) -> Callable[..., subprocess.CompletedProcess[str]]:
-    """`command("list-keys")`: run slamcu-server on the test's database and return what it said."""
+def command(
+    server_environment: dict[str, str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """`command("list-keys")`: run slamcu-server on the test's database, in this process, and return what it said."""
 
     def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [*_COMMAND, *arguments],
-            env=server_environment | environment,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=120,
-        )
+        with monkeypatch.context() as patch:
+            for name, value in (server_environment | environment).items():
+                patch.setenv(name, value)
+            patch.setattr(sys, "argv", ["slamcu-server", *arguments])
+            capsys.readouterr()
+            with pytest.raises(SystemExit) as ended:
+                cli.main()
+            said = capsys.readouterr()
+        return subprocess.CompletedProcess(arguments, int(ended.value.code or 0), said.out, said.err)
 
     return run
 
@@ -229,3 +243,42 @@ def live_server(server_process: ServerProcess) -> ServerProcess:
     """A server that listens; `live_server.url` is where."""
     server_process.start()
     return server_process
+
+
+@pytest.fixture
+async def town(engine: AsyncEngine, tmp_path: Path) -> MapIdentity:
+    """The map "town" version "1": speed limit signs with the ids 1 to 5, every 100 m along a road to the east."""
+    identity = MapIdentity("town", "1")
+    features = [
+        MapFeature(number, lon=2.1 + 0.00137 * number, lat=48.9, sign="SPEED_LIMIT", value="80")
+        for number in range(1, 6)
+    ]
+    path = tmp_path / "town.geojson"
+    path.write_text("".join(write_hd_map(identity, features)))
+    async with engine.begin() as connection:
+        await import_map(connection, path)
+    return identity
+
+
+@pytest.fixture
+def make_report() -> MakeReport:
+    """`make_report(message_id, …)`: a message of session "drive" about the town's sign 1; fields can be replaced."""
+
+    def make(message_id: int = 1, **fields: Any) -> ReportMessage:
+        begun = datetime(2026, 5, 1, 8, 0, message_id % 60, tzinfo=UTC)
+        one = PassReport(
+            started_at=begun,
+            ended_at=begun + timedelta(seconds=2),
+            status=DetectionStatus.EXPECTED_AND_DETECTED,
+            weight_for=1.2,
+            weight_against=0.1,
+            sign="SPEED_LIMIT",
+            value="80",
+            reference=MapReference(tile_id=1, object_id=1),
+            frames_detected=9,
+            frames_missed=1,
+        )
+        message = ReportMessage("drive", message_id, (one,), map_identity=MapIdentity("town", "1"))
+        return replace(message, **fields)
+
+    return make

@@ -25,7 +25,8 @@ def _differences(connection: Connection) -> list[object]:
     def include(obj: object, name: str | None, kind: str, reflected: bool, compare_to: object) -> bool:
         if kind == "table" and reflected and name not in metadata.tables:
             return name not in {"spatial_ref_sys", "alembic_version"}
-        return bool(alembic_helpers.include_object(obj, name, kind, reflected, compare_to))
+        included = alembic_helpers.include_object(obj, name, kind, reflected, compare_to)  # type: ignore[no-untyped-call]  # GeoAlchemy2 has no types
+        return bool(included)
 
     options = {"compare_type": True, "compare_server_default": True, "include_object": include}
     return list(compare_metadata(MigrationContext.configure(connection, opts=options), metadata))

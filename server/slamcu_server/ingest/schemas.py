@@ -6,6 +6,19 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+_EXAMPLE_PLACE = {
+    "geographicWgs84": {"longitude": {"value": "210030000"}, "latitude": {"value": "4890010000"}},
+    "covariance": {"a11": "250000", "a12": "0", "a21": "0", "a22": "250000", "a33": "10000000000"},
+}
+_EXAMPLE_SIGN = {
+    "envelope": {"id": "1", "timestamp": {"posixTime": "1777622402000"}},
+    "existenceConfidence": {"value": "67"},
+    "detectionStatus": {"type": "NOT_EXPECTED_AND_DETECTED"},
+    "rectangularBoxAndAccuracy": {"centerOrientationSize": {"centerPositionAndAccuracy": _EXAMPLE_PLACE}},
+    "typeAndConfidence": {"type": "SPEED_LIMIT"},
+    "valueAndConfidence": {"value": "80"},
+}
+
 
 class Rejection(BaseModel):
     """A message that was refused, and why."""
@@ -48,26 +61,10 @@ EXAMPLE_BATCH: dict[str, Any] = {
         {
             "envelope": {
                 "ids": {"sessionId": "2026-05-01T08:00Z-007", "messageId": "1"},
-                "mapIdentification": {
-                    "providerVersion": {"source": "demo", "version": {"name": "2026.05.1"}},
-                },
+                "mapIdentification": {"providerVersion": {"source": "demo", "version": {"name": "2026.05.1"}}},
             },
-            "eventGroup": [
-                {
-                    "trafficRegulationCategory": {
-                        "trafficSign": [
-                            {
-                                "envelope": {
-                                    "id": "1",
-                                    "timestamp": {"posixTime": "1777622400000"},
-                                    "detectionStatus": {"type": "NOT_EXPECTED_AND_DETECTED"},
-                                },
-                                "typeAndConfidence": {"type": "SPEED_LIMIT"},
-                            }
-                        ]
-                    }
-                }
-            ],
+            "eventGroup": [{"trafficRegulationCategory": {"trafficSign": [_EXAMPLE_SIGN]}}],
         }
     ]
 }
+"""A batch of one message: a speed limit sign of 80 that the map did not have."""
