@@ -222,10 +222,10 @@ class Drive:
     seconds: float
 
 
-def make_drive(signs: int = 12, session_id: str = "drive-1", seed: int = 5) -> Drive:
+def make_drive(signs: int = 12, spacing_m: float = SPACING_M, tail_m: float = 20.0, seed: int = 5) -> Drive:
     frame = LocalFrame(2.1, 48.9)
     gone = frozenset(range(3, signs + 1, 5))
-    places = np.stack([30.0 + SPACING_M * np.arange(signs), np.full(signs, 4.0)], axis=-1)
+    places = np.stack([30.0 + spacing_m * np.arange(signs), np.full(signs, 4.0)], axis=-1)
     lon, lat = frame.to_geographic(places)
     hd_map = HDMap(
         (
@@ -237,14 +237,14 @@ def make_drive(signs: int = 12, session_id: str = "drive-1", seed: int = 5) -> D
     header = DriveHeader(
         vehicle_id="veh-007",
         fleet_id="test",
-        session_id=session_id,
+        session_id="drive-1",
         start_time=datetime(2026, 5, 1, 8, tzinfo=UTC),
         initial_pose=InitialPose(2.1, 48.9, 90.0, position_std_m=0.5, heading_std_deg=0.5),
         sensors=(Sensor("front_camera", rate_hz=RATE_HZ, fov_deg=60.0, max_range_m=60.0, min_range_m=2.0),),
     )
     rng = np.random.default_rng(seed)
     records: list[Record] = []
-    seconds = (places[-1, 0] + 20.0) / SPEED
+    seconds = (places[-1, 0] + tail_m) / SPEED
     for t in (np.arange(int(seconds * RATE_HZ)) / RATE_HZ).tolist():
         records.append(Odometry(t, SPEED, yaw_rate=0.0))
         away = places - (SPEED * t, 0.0)
@@ -268,3 +268,9 @@ def make_drive(signs: int = 12, session_id: str = "drive-1", seed: int = 5) -> D
 @pytest.fixture(scope="session")
 def drive() -> Drive:
     return make_drive()
+
+
+@pytest.fixture(scope="session")
+def dense_drive() -> Drive:
+    """A drive on which passes end in almost every frame for a while."""
+    return make_drive(signs=24, spacing_m=2.5, tail_m=220.0)

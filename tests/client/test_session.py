@@ -120,6 +120,28 @@ def test_a_drive_that_is_cut_short_and_driven_again_reports_each_pass_once(
         assert session.passes_reported == session.passes
 
 
+def test_no_pass_falls_between_two_messages_wherever_the_drive_is_cut(dense_drive, tmp_path: Path) -> None:
+    """Passes end in almost every frame and are stored at once: any slip of one instant loses or doubles one."""
+    at_once = ReportPolicy(interval_s=0.0)
+
+    def run(name: str, cut: int | None) -> list[bytes]:
+        with Outbox(tmp_path / name) as outbox:
+            for last in (None,) if cut is None else (cut, None):
+                session = session_on(dense_drive, outbox, at_once)
+                for record in dense_drive.records[:last]:
+                    session.feed(record)
+                if last is None:
+                    session.close()
+                else:
+                    session.abandon()
+            return [message.body for message in outbox.pending(10_000)]
+
+    whole = run("whole", None)
+    assert len(whole) > 15
+    for cut in (142, 143, 150, 151, 166, 167):  # between and after the two records of one instant
+        assert run(f"cut-{cut}", cut) == whole
+
+
 _CHILD = """
 import sys
 sys.path.insert(0, sys.argv[2])
