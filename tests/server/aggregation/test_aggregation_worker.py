@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
+from dataclasses import replace
 from typing import Any
 
 import pytest
+from slamcu_server.aggregation import rebuild
 
 pytestmark = pytest.mark.anyio
 
@@ -137,3 +140,51 @@ async def test_a_message_that_breaks_the_fold_does_not_hold_up_the_others(town: 
 
 def _fields(report: Any) -> dict[str, Any]:
     return {name: getattr(report, name) for name in report.__dataclass_fields__}
+
+
+async def test_a_message_from_all_over_the_world_locks_its_whole_map(
+    town: Any, reports: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("slamcu_server.aggregation.locks.CELL_BUDGET", 20)
+    monkeypatch.setattr("slamcu_server.aggregation.batch.CELL_BUDGET", 20)
+    for car in ("a", "b"):
+        await town.report(car, *(reports.find(2000.0 * number, 0, hours=0) for number in range(40)))
+        await town.report(car, reports.find(5, 20, hours=0))
+    await asyncio.gather(*(town.fuse_some(batch_size=3) for _ in range(2)))
+    assert [row.contributors_for for row in await town.candidates()] == [2] * 41
+
+
+async def test_a_sign_on_the_antimeridian_is_one_sign(town: Any, reports: Any) -> None:
+    here = reports.place(0, 0)
+    for car, lon in (("a", 179.999995), ("b", -179.999995)):
+        position = replace(here, lon=lon, lat=-16.5)
+        await town.report(car, reports.find(0, 0, hours=0, position=position))
+        await town.fuse()
+    [candidate] = await town.candidates()
+    assert candidate.contributors_for == 2
+
+
+async def test_candidates_are_merged_and_part_again_with_their_ids(town: Any, reports: Any) -> None:
+    """What vehicles say about a watch feature follows the pass that founded it."""
+    await town.report("a", reports.find(50.0, 0, hours=0, std_m=2.0))
+    await town.report("b", reports.find(55.5, 0, hours=0, std_m=2.0))
+    await town.fuse()
+    first, second = [row.id for row in await town.candidates()]
+    await town.report("c", reports.find(52.7, 0, hours=1, std_m=2.0))  # a bridge between two vague places
+    await town.report("watcher", reports.seen(second, hours=2, watched=True))
+    await town.fuse()
+    [whole] = await town.candidates()
+    assert (whole.id, whole.passes, whole.contributors_for) == (first, 4, 4)
+    assert [change.state for change in await town.changes()] == ["confirmed", "withdrawn"]
+    assert (await town.changes())[1].document["merged_into"] == first
+    assert await rebuild.differences(town.engine, town.policy) == []
+
+    for car in ("d", "e", "f"):  # precise ones show that there are two
+        await town.report(car, reports.find(50.0, 0, hours=3, std_m=0.4), reports.find(55.5, 0, hours=3, std_m=0.4))
+    await town.fuse()
+    parted = await town.candidates()
+    assert [row.id for row in parted] == [first, second]
+    about = await town.rows("SELECT candidate_id FROM passes WHERE watch_id = :id", id=second)
+    assert [row.candidate_id for row in about] == [second]
+    assert [change.state for change in await town.changes()] == ["confirmed", "confirmed"]
+    assert await rebuild.differences(town.engine, town.policy) == []

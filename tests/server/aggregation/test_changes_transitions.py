@@ -1,0 +1,119 @@
+"""The rules of the feed, one by one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from slamcu_server.changes.belief import Belief, Kind, State
+from slamcu_server.changes.document import change_document, ellipse95
+from slamcu_server.changes.transitions import Published, Transition, decide, leaves
+
+ENTER = 0.8
+NOW = datetime(2026, 5, 1, tzinfo=UTC)
+
+
+def belief(**changes: Any) -> Belief:
+    made = Belief(
+        kind=Kind.NEW,
+        weight_for=2.0,
+        weight_against=0.0,
+        standing=True,
+        stood_since=NOW,
+        contributors_for=2,
+        contributors_against=0,
+        passes=2,
+        first_seen=NOW,
+        last_seen=NOW,
+        last_looked=NOW,
+        last_informative=NOW,
+        feature_class="traffic_sign",
+        sign="STOP_SIGN",
+        value=None,
+        lon=2.1,
+        lat=48.9,
+        covariance_m2=(0.25, 0.0, 0.25),
+        policy_version="v",
+    )
+    return replace(made, **changes)
+
+
+def published(state: State, before: Belief | None = None, **changes: Any) -> Published:
+    document = change_document(before or belief(), map_source="m", map_object_id=None, watch_id=1, confirmed_at=NOW)
+    return Published(1, 1, state, 3, document, **changes)
+
+
+@pytest.mark.parametrize(
+    ("now", "before", "expected"),
+    [
+        (belief(), None, Transition(State.CONFIRMED, opens=True)),
+        (belief(standing=False, weight_for=1.0), None, Transition(State.CANDIDATE, opens=True)),
+        (belief(standing=False, weight_for=0.3), None, None),
+        (belief(), published(State.CANDIDATE), Transition(State.CONFIRMED, opens=False)),
+        (belief(standing=False), published(State.CANDIDATE), None),
+        (belief(standing=False, weight_for=0.1), published(State.CANDIDATE), Transition(State.WITHDRAWN, opens=False)),
+        (belief(standing=False), published(State.CONFIRMED), Transition(State.WITHDRAWN, opens=False)),
+        (belief(), published(State.CONFIRMED), None),
+        (belief(), published(State.WITHDRAWN), Transition(State.CONFIRMED, opens=False)),
+        (belief(standing=False), published(State.WITHDRAWN), None),
+        (belief(), published(State.REJECTED), None),
+        (belief(standing=False), published(State.REJECTED), None),
+        (belief(), published(State.REJECTED, evidence_left=True), Transition(State.CONFIRMED, opens=True)),
+        (belief(), published(State.ACCEPTED), Transition(State.CONFIRMED, opens=True)),
+        (belief(standing=False), published(State.ACCEPTED), None),
+    ],
+)
+def test_what_is_said_next(now: Belief, before: Published | None, expected: Transition | None) -> None:
+    assert decide(now, before, enter=ENTER) == expected
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, False),
+        ({"contributors_for": 3}, True),
+        ({"contributors_against": 1}, True),
+        ({"passes": 50, "weight_for": 9.0}, False),
+        ({"lat": 48.9 + 0.10 / 111_200}, False),  # 0.2 of its standard deviation
+        ({"lat": 48.9 + 0.20 / 111_200}, True),
+        ({"lon": 2.1 + 0.10 / 73_000}, False),
+        ({"lon": 2.1 + 0.20 / 73_000}, True),
+    ],
+)
+def test_a_confirmed_change_is_said_again_when_it_matters(changes: dict[str, Any], said: bool) -> None:
+    assert (decide(belief(**changes), published(State.CONFIRMED), enter=ENTER) is not None) is said
+
+
+def test_one_vehicle_more_of_many_is_no_news() -> None:
+    many = published(State.CONFIRMED, belief(contributors_for=20))
+    assert decide(belief(contributors_for=21), many, enter=ENTER) is None
+    assert decide(belief(contributors_for=25), many, enter=ENTER) is not None
+
+
+def test_evidence_that_leaves_a_rejected_change_is_remembered() -> None:
+    assert leaves(belief(standing=False), published(State.REJECTED))
+    assert not leaves(belief(), published(State.REJECTED))
+    assert not leaves(belief(standing=False), published(State.WITHDRAWN))
+    assert not leaves(belief(standing=False), None)
+
+
+@given(st.floats(0.01, 10.0), st.floats(0.01, 10.0), st.floats(-0.99, 0.99))
+def test_the_ellipse_holds_95_per_cent(east: float, north: float, correlation: float) -> None:
+    covariance = (east**2, correlation * east * north, north**2)
+    ellipse = ellipse95(covariance)
+    assert ellipse["semi_major_m"] >= ellipse["semi_minor_m"] >= 0.0
+    assert 0.0 <= ellipse["orientation_deg"] <= 180.0
+    area = np.pi * ellipse["semi_major_m"] * ellipse["semi_minor_m"]
+    determinant = covariance[0] * covariance[2] - covariance[1] ** 2
+    assert area == pytest.approx(np.pi * 5.991464547 * np.sqrt(determinant), rel=1e-6)
+
+
+def test_the_ellipse_points_where_the_place_is_vague() -> None:
+    assert ellipse95((4.0, 0.0, 1.0))["orientation_deg"] == pytest.approx(90.0)
+    assert ellipse95((1.0, 0.0, 4.0))["orientation_deg"] == pytest.approx(0.0)
+    assert ellipse95((1.0, 0.9, 1.0))["orientation_deg"] == pytest.approx(45.0)
