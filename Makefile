@@ -19,6 +19,7 @@ demo: setup ## Drive a fleet over a changed road and show what the cloud makes o
 	@$(BIN)/slamcu-eval demo --out demo-output
 
 test: setup ## Run every test, the fast ones first
+	@command -v curl >/dev/null || scripts/apt-install "curl, for the README's tour" curl
 	@$(BIN)/python -m pytest $(PYTEST_ARGS)
 
 lint: setup ## Check style, types and the import rules
