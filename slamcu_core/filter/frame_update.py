@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.drive import Detection, Occluder
-from slamcu_core.filter import ekf, existence, weighting
+from slamcu_core.filter import ekf, existence, proposal, weighting
 from slamcu_core.filter.association import Marginal, associate, marginalise
 from slamcu_core.filter.calibration import SensorCalibration
 from slamcu_core.filter.parameters import FilterParameters
@@ -81,24 +81,25 @@ class FrameUpdate:
 
     def look(self, rows: Index, weights: Array, mean_pose: Array, occluders: tuple[Occluder, ...]) -> View:
         """Predict what the sensor should see of the given rows."""
-        pose = self.particles.pose[:, None, :]
         own = self.table.kind[rows] == Kind.NEW
         points = np.empty((len(self.particles), len(rows), 2))
         points[:] = self.table.xy[rows]
         slots = self.table.slot[rows[own]]
         points[:, own] = self.particles.mean[:, slots]
-        distance, bearing = self.model.polar(pose, points)
-        scale = self.particles.calibration[:, 0, None]
-        if self.model.has_bearing:
-            predicted = np.stack([distance * (1.0 + scale), bearing + self.particles.calibration[:, 1, None]], axis=-1)
-        else:
-            predicted = self.model.predict(pose, points) * (1.0 + scale[..., None])
+        distance, predicted = self._predict(points)
+        bearing = predicted[..., 1] - self.particles.calibration[:, 1, None]
+        if not self.model.has_bearing:
+            _, bearing = self.model.polar(self.particles.pose[:, None, :], points)
         centre = np.einsum("k,kfi->fi", weights, points)
         covariance = self.table.covariance[rows]
         covariance[own] = np.einsum("k,klij->lij", weights, self.particles.covariance[:, slots])
         jacobian = self.model.feature_jacobian(mean_pose, centre)
         mean_distance = weights @ distance
         extra = ekf.innovation_covariance(jacobian, covariance, self.calibration.measurement_variance(mean_distance))
+        by_pose = self.model.pose_jacobian(mean_pose, centre)
+        extra += (
+            by_pose @ (weights @ self.particles.pending.reshape(-1, 9)).reshape(3, 3) @ np.swapaxes(by_pose, -1, -2)
+        )
         marginal = marginalise(self.model, predicted, weights, extra)
         visible = visibility_probability(self.model.sensor, distance, bearing, weights)
         hidden = np.zeros(len(rows))
@@ -123,64 +124,97 @@ class FrameUpdate:
         log_prior = np.where(fits, log_prior, -np.inf)
         return associate(self.model, (seen.measurement, seen.noise), view.marginal, log_prior, self.parameters.gate)
 
-    def weigh_and_update(
-        self, view: View, seen: Seen, pairs: list[tuple[int, int]], usable: NDArray[np.bool_], share: float
+    def weigh(
+        self,
+        view: View,
+        seen: Seen,
+        pairs: list[tuple[int, int]],
+        share: float,
+        rng: np.random.Generator,
     ) -> None:
-        """Weigh the particles by usable pairs (eq. 17-19), then update new features (eq. 16) and the calibration.
+        """Weigh the particles by (detection, column of the view) pairs with Normal and New features (eq. 17-19).
 
-        Parameters
-        ----------
-        pairs : (detection, column of the view) of all associated detections.
-        usable : for each pair whether its feature is Normal or New (section 4.3.4).
+        Leaves the poses sampled: from the motion prior, or where that pays from it conditioned on the pairs.
         """
-        detections = np.array([d for d, _ in pairs], dtype=np.intp)
-        columns = np.array([c for _, c in pairs], dtype=np.intp)
-        rows = view.rows[columns]
-        own = self.table.kind[rows] == Kind.NEW
-        slots = self.table.slot[rows]
-        innovation = self.model.innovation(seen.measurement[detections], view.predicted[:, columns])
-        jacobian = self.model.feature_jacobian(self.particles.pose[:, None, :], view.points[:, columns])
-        covariance = np.empty((len(self.particles), len(pairs), 2, 2))
-        covariance[:] = self.table.covariance[rows]
-        covariance[:, own] = self.particles.covariance[:, slots[own]]
-        noise = np.broadcast_to(seen.noise[detections], innovation.shape)
-        distance = view.distance[:, columns]
-        if usable.any():
-            # Q = H Σ Hᵀ + R with Σ from before the update, of map features and new ones alike (errata to 17 and 18).
-            # What is constant within a pass does not average out over its n looks: it counts n times.
-            looks = 1.0 + self.table.looks_hit[rows[usable]]
-            common = pass_variance(distance[:, usable], self.parameters)
-            repeated = np.where(own[usable], 1.0, looks)
-            q = ekf.innovation_covariance(
-                jacobian[:, usable],
-                covariance[:, usable] * repeated[:, None, None],
-                noise[:, usable] + self.calibration.measurement_variance(distance[:, usable]) + looks[:, None] * common,
-            )
-            likelihood = weighting.robust_log_likelihood(
-                weighting.gaussian_log_likelihood(innovation[:, usable], q),
-                float(np.log(self.model.clutter_density)),
-                self.parameters.outlier_share,
-            )
-            self.particles.log_weight = weighting.combine(self.particles.log_weight, likelihood, share)
-        if own.any():
-            self.particles.mean[:, slots[own]], self.particles.covariance[:, slots[own]] = ekf.update(
-                self.particles.mean[:, slots[own]],
-                self.particles.covariance[:, slots[own]],
-                jacobian[:, own],
-                innovation[:, own],
-                noise[:, own] / share,
-            )
+        particles = self.particles
+        if not pairs:
+            particles.settle(rng)
+            return
+        detections, columns = _split(pairs)
+        rows, points = view.rows[columns], view.points[:, columns]
+        q = self._innovation_covariance(rows, points, view.distance[:, columns], seen.noise[detections])
+        by_pose = self.model.pose_jacobian(particles.pose[:, None, :], points)
+        if proposal.pays(by_pose, particles.pending, q):
+            innovation = self.model.innovation(seen.measurement[detections], view.predicted[:, columns])
+            likelihood = proposal.condition(particles, by_pose, innovation, q / share, self.parameters.gate)
+            particles.settle(rng)
+            share = 1.0
+        else:
+            particles.settle(rng)
+            innovation = self.model.innovation(seen.measurement[detections], self._predict(points)[1])
+            likelihood = weighting.gaussian_log_likelihood(innovation, q)
+        floor = float(np.log(self.model.clutter_density))
+        likelihood = weighting.robust_log_likelihood(likelihood, floor, self.parameters.outlier_share)
+        particles.log_weight = weighting.combine(particles.log_weight, likelihood, share)
+
+    def update_new(self, view: View, seen: Seen, pairs: list[tuple[int, int]], share: float) -> None:
+        """Update the car's own finds by their detections, in every particle (eq. 16)."""
+        if not pairs:
+            return
+        detections, columns = _split(pairs)
+        particles, points = self.particles, view.points[:, columns]
+        slots = self.table.slot[view.rows[columns]]
+        innovation = self.model.innovation(seen.measurement[detections], self._predict(points)[1])
+        particles.mean[:, slots], particles.covariance[:, slots] = ekf.update(
+            particles.mean[:, slots],
+            particles.covariance[:, slots],
+            self.model.feature_jacobian(particles.pose[:, None, :], points),
+            innovation,
+            np.broadcast_to(seen.noise[detections] / share, innovation.shape),
+        )
+
+    def calibrate(self, view: View, seen: Seen, pairs: list[tuple[int, int]], share: float) -> None:
+        """Learn the sensor's calibration from detections of Normal features of the map."""
+        if not pairs or not self.model.has_bearing:
+            return
+        detections, columns = _split(pairs)
+        points = view.points[:, columns]
+        distance, predicted = self._predict(points)
+        innovation = self.model.innovation(seen.measurement[detections], predicted)
+        jacobian = self.model.feature_jacobian(self.particles.pose[:, None, :], points)
+        for index, row in enumerate(view.rows[columns].tolist()):
+            h = jacobian[:, index]
+            place = np.einsum("kij,jl,kil->i", h, self.table.covariance[row], h) / len(h)
+            common = place + pass_variance(distance[:, index], self.parameters).mean(axis=0)
+            noise = seen.noise[detections[index]] / share + (1.0 + self.table.looks_hit[row]) * common
+            self.calibration.update(self.particles, innovation[:, index], distance[:, index], noise)
+
+    def _predict(self, points: Array) -> tuple[Array, Array]:
+        """Return true ranges (M, F) and measurements (M, F, 2), calibrated, of points (M, F, 2)."""
+        pose = self.particles.pose[:, None, :]
+        scale, turn = self.particles.calibration[:, 0, None], self.particles.calibration[:, 1, None]
+        distance, bearing = self.model.polar(pose, points)
         if self.model.has_bearing:
-            mapped = usable & (self.table.kind[rows] == Kind.MAP)
-            for index in np.flatnonzero(mapped):
-                place = np.einsum(
-                    "kij,jl,kil->ki", jacobian[:, index], self.table.covariance[rows[index]], jacobian[:, index]
-                )
-                self.calibration.update(
-                    self.particles,
-                    innovation[:, index],
-                    distance[:, index],
-                    seen.noise[detections[index]] / share
-                    + (1.0 + self.table.looks_hit[rows[index]])
-                    * (place.mean(axis=0) + pass_variance(distance[:, index], self.parameters).mean(axis=0)),
-                )
+            return distance, np.stack([distance * (1.0 + scale), bearing + turn], axis=-1)
+        return distance, self.model.predict(pose, points) * (1.0 + scale[..., None])
+
+    def _innovation_covariance(self, rows: Index, points: Array, distance: Array, noise: Array) -> Array:
+        """Return Q = H Σ Hᵀ + R (M, A, 2, 2) with Σ from before the update, of map and new features (errata 17, 18).
+
+        What is constant within a pass does not average out over its n looks, so it counts n times.
+        """
+        own = self.table.kind[rows] == Kind.NEW
+        looks = 1.0 + self.table.looks_hit[rows]
+        covariance = np.empty((*points.shape, 2))
+        covariance[:] = self.table.covariance[rows] * looks[:, None, None]
+        covariance[:, own] = self.particles.covariance[:, self.table.slot[rows[own]]]
+        jacobian = self.model.feature_jacobian(self.particles.pose[:, None, :], points)
+        constant = looks[:, None] * pass_variance(distance, self.parameters)
+        return ekf.innovation_covariance(
+            jacobian, covariance, noise + self.calibration.measurement_variance(distance) + constant
+        )
+
+
+def _split(pairs: list[tuple[int, int]]) -> tuple[Index, Index]:
+    both = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+    return both[:, 0], both[:, 1]

@@ -27,6 +27,7 @@ class Particles:
     covariance: Array  # (M, L, 2, 2) covariances Σ of new features, m²
     gnss_bias: Array  # (M, 2) mean of the satellite receiver's bias, m
     calibration: Array  # (M, 2) mean range scale error and bearing bias (rad)
+    pending: Array  # (M, 3, 3) covariance of the pose's noise that is not sampled yet
 
     @classmethod
     def sample(
@@ -50,6 +51,7 @@ class Particles:
             covariance=np.zeros((count, slots, 2, 2)),
             gnss_bias=np.zeros((count, 2)),
             calibration=np.zeros((count, 2)),
+            pending=np.zeros((count, 3, 3)),
         )
 
     def __len__(self) -> int:
@@ -81,7 +83,27 @@ class Particles:
         centred = delta - offset
         mean = reference + offset
         mean[2] = wrap_angle(float(mean[2]))
-        return mean, (centred * weights[:, None]).T @ centred
+        covariance = (centred * weights[:, None]).T @ centred
+        covariance[:3, :3] += (weights @ self.pending.reshape(-1, 9)).reshape(3, 3)
+        return mean, covariance
+
+    def settle(self, rng: np.random.Generator) -> None:
+        """Sample what is pending of the poses, in place."""
+        pending = self.pending
+        if not pending.any():
+            return
+        draw = rng.standard_normal((len(self), 3))
+        # Cholesky of a matrix of rank two or three, by hand: heading first, which is never the one that is missing
+        root = np.sqrt(np.maximum(pending[:, 2, 2], 1e-18))
+        lead = pending[:, :2, 2] / root[:, None]
+        rest = pending[:, :2, :2] - lead[:, :, None] * lead[:, None, :]
+        first = np.sqrt(np.maximum(rest[:, 0, 0], 1e-18))
+        second = rest[:, 0, 1] / first
+        third = np.sqrt(np.maximum(rest[:, 1, 1] - second**2, 0.0))
+        self.state[:, 2] += root * draw[:, 0]
+        self.state[:, 0] += lead[:, 0] * draw[:, 0] + first * draw[:, 1]
+        self.state[:, 1] += lead[:, 1] * draw[:, 0] + second * draw[:, 1] + third * draw[:, 2]
+        self.pending = np.zeros_like(pending)
 
     def select(self, index: NDArray[np.intp]) -> None:
         """Replace the particles by copies of those at `index` (M,), all of equal weight."""
@@ -90,6 +112,7 @@ class Particles:
         self.covariance = self.covariance[index]
         self.gnss_bias = self.gnss_bias[index]
         self.calibration = self.calibration[index]
+        self.pending = self.pending[index]
         self.log_weight = np.zeros(len(index))
 
     def collapse(self, slot: int) -> tuple[Array, Array]:

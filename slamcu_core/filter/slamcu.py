@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +121,7 @@ class SlamcuFilter:
             return []
         if isinstance(record, GnssFix):
             self._advance(record.t)
+            self._particles.settle(self._rng)
             fix = self._around.frame.to_local(record.lon, record.lat)
             self._gnss.update(self._particles, record.t, fix, record.std_m)
             self._resample()
@@ -187,6 +189,8 @@ class SlamcuFilter:
             view = sensor.update.look(rows, weights, mean_state[:3], occluders)
             self._manage(sensor, view, seen, share, mean_state[:3])
             self._resample()
+        else:
+            self._particles.settle(self._rng)
         gone = [row for row in self._open if record.t - self._table.pass_last[row] > self.parameters.pass_gap_s]
         return self._close(sorted(gone))
 
@@ -243,8 +247,10 @@ class SlamcuFilter:
             float(chance[mapped].sum()),
             int((hit & mapped).sum()),
         )
-        if pairs:
-            sensor.update.weigh_and_update(view, seen, pairs, usable, share)
+        mine = table.kind[hit_rows] == Kind.NEW
+        sensor.update.weigh(view, seen, list(compress(pairs, usable)), share, self._rng)
+        sensor.update.calibrate(view, seen, list(compress(pairs, usable & ~mine)), share)
+        sensor.update.update_new(view, seen, list(compress(pairs, mine)), share)
         table.looks_hit[hit_rows] += share
         self._drop_refuted(view.rows)
         for alone in np.flatnonzero(columns < 0).tolist():
@@ -384,8 +390,10 @@ class SlamcuFilter:
     @property
     def pose(self) -> PoseEstimate:
         """The pose at the last record."""
-        self._predict()
         mean, covariance = self._particles.mean_state()
+        # what was driven since the last frame is added here, not to the particles: to ask is not to act
+        ahead = np.array([self._travel.distance * mean[3]]), np.array([self._travel.turn * mean[4]])
+        mean[:3] = advance(mean[None, :3], *ahead)[0]
         lon, lat = self._around.frame.to_geographic(mean[:2])
         return PoseEstimate(
             self._time,

@@ -71,6 +71,22 @@ class SensorModel:
         h[..., 1, 0], h[..., 1, 1] = -delta[..., 1] / square, delta[..., 0] / square
         return h
 
+    def pose_jacobian(self, pose: Array, points: Array) -> Array:
+        """Return ∂h/∂x, shape (..., 2, 3): the Jacobian with respect to the vehicle's x, y and heading."""
+        by_feature = self.feature_jacobian(pose, points)
+        h = np.empty((*by_feature.shape[:-1], 3))
+        h[..., :2] = -by_feature
+        if not self.has_bearing:
+            z = self.predict(pose, points)
+            h[..., 0, 2], h[..., 1, 2] = z[..., 1], -z[..., 0]
+            return h
+        mount = self.sensor.mount
+        cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
+        swing = np.stack([-sin * mount.x - cos * mount.y, cos * mount.x - sin * mount.y], axis=-1)
+        h[..., 2] = -(by_feature @ swing[..., None])[..., 0]
+        h[..., 1, 2] -= 1.0
+        return h
+
     def invert(self, pose: Array, measurement: Array) -> Array:
         """Return the points (..., 2) at which measurements (..., 2) place a feature: h(x, invert(x, z)) = z."""
         if self.has_bearing:
