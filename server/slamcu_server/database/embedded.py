@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import logging
 import os
+import secrets
 import shlex
 import shutil
 import subprocess
@@ -27,7 +28,9 @@ _SOCKET_PATH_MAX = 107  # bytes, of sockaddr_un
 _SOCKET_NAME = ".s.PGSQL.5432"
 _START_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 8.0
+_PAUSE_S = 0.1
 _LOG_MAX_BYTES = 10 * 2**20
+_NO_PID = 2**31 - 2  # above every system's greatest process id
 
 
 class EmbeddedCluster:
@@ -44,6 +47,7 @@ class EmbeddedCluster:
         self._home = data_dir
         self._cluster = data_dir / "cluster"
         self._data = self._cluster / "data"
+        self._log = self._cluster / "server.log"
         self._bin_dir = bin_dir
         self._users: int | None = None
         self._tools: PostgresTools | None = None
@@ -118,12 +122,15 @@ class EmbeddedCluster:
         return PostgresTools.find(user, bin_dir=self._bin_dir, major=major)
 
     def _initialise(self, tools: PostgresTools) -> None:
+        for abandoned in self._cluster.glob("new-*"):
+            shutil.rmtree(abandoned, ignore_errors=True)
         if self._data.exists():
             return
-        unfinished = self._cluster / "data.new"  # renamed when complete: a kill in between leaves no half cluster
-        shutil.rmtree(unfinished, ignore_errors=True)
+        # Renamed when complete: a kill in between leaves no half cluster. A name of its own: an initdb whose parent was
+        # killed may still be at work in another.
+        unfinished = self._cluster / f"new-{secrets.token_hex(4)}"
         options = ("--username", _SUPERUSER, "--auth=trust", "--encoding=UTF8", "--locale=C.UTF-8")
-        result = tools.run("initdb", "--pgdata", str(unfinished), *options)
+        result = tools.run("initdb", "--pgdata", unfinished.name, *options, cwd=self._cluster)
         if result.returncode != 0:
             if "ermission denied" in result.stdout:
                 raise EmbeddedDatabaseError(
@@ -134,27 +141,39 @@ class EmbeddedCluster:
         unfinished.rename(self._data)
 
     def _start(self, tools: PostgresTools) -> None:
-        if not self._ready(tools):
-            self._forget_foreign_pid()
-            socket_dir = self._new_socket_dir(tools.user)
-            log = self._cluster / "server.log"
-            if log.exists() and log.stat().st_size > _LOG_MAX_BYTES:
-                log.replace(log.with_suffix(".log.1"))
-            options = f"-k {shlex.quote(str(socket_dir))} -c listen_addresses= -c port=5432 -c log_min_messages=warning"
-            # A postmaster that was killed may leave children that take a moment to notice.
-            deadline = time.monotonic() + _START_TIMEOUT_S
-            while True:
-                result = tools.run(
-                    "pg_ctl", "start", "--wait", "--silent", "--pgdata", str(self._data), "--log", str(log),
-                    "--options", options, "--timeout", str(int(_START_TIMEOUT_S)), timeout=2 * _START_TIMEOUT_S,
-                )  # fmt: skip
-                if result.returncode == 0 or self._ready(tools):
-                    break
-                if time.monotonic() > deadline or not _still_in_use(log):
-                    said = _last_line(log.read_text(errors="replace")) if log.exists() else _last_line(result.stdout)
-                    raise EmbeddedDatabaseError(f"PostgreSQL did not start: {said} (see {log})")
-                time.sleep(0.1)
+        deadline = time.monotonic() + _START_TIMEOUT_S
+        while not self._ready(tools):
+            if time.monotonic() > deadline:
+                raise EmbeddedDatabaseError(f"PostgreSQL does not get ready (see {self._log})")
+            self._disown_dead_pid()
+            if tools.run("pg_ctl", "status", "--pgdata", self._data.name, cwd=self._cluster).returncode == 0:
+                time.sleep(_PAUSE_S)  # it runs: it is recovering from a crash, or about to stop
+            else:
+                self._launch(tools)
         self._ensure_database(tools)
+
+    def _launch(self, tools: PostgresTools) -> None:
+        if self._log.exists() and self._log.stat().st_size > _LOG_MAX_BYTES:
+            self._log.replace(self._log.with_suffix(".log.1"))
+        said_before = self._log.stat().st_size if self._log.exists() else 0
+        socket_dir = self._new_socket_dir(tools.user)
+        options = f"-k {shlex.quote(str(socket_dir))} -c listen_addresses= -c port=5432 -c log_min_messages=warning"
+        result = tools.run(
+            "pg_ctl", "start", "--wait", "--silent", "--pgdata", self._data.name, "--log", self._log.name,
+            "--options", options, "--timeout", str(int(_START_TIMEOUT_S)),
+            cwd=self._cluster,  # pg_ctl hands paths to a shell: relative ones need no quoting
+            timeout=_START_TIMEOUT_S + 10,
+        )  # fmt: skip
+        if result.returncode == 0:
+            return
+        said = self._log.read_bytes()[said_before:].decode(errors="replace") if self._log.exists() else result.stdout
+        if "still in use" in said:  # children of a postmaster that was killed take a moment to notice
+            time.sleep(_PAUSE_S)
+            return
+        fatal = [line for line in said.splitlines() if "FATAL" in line]
+        raise EmbeddedDatabaseError(
+            f"PostgreSQL did not start: {_last_line(fatal[0] if fatal else said)} (see {self._log})"
+        )
 
     def _ready(self, tools: PostgresTools) -> bool:
         try:
@@ -178,8 +197,8 @@ class EmbeddedCluster:
         socket_dir = self._socket_dir()
         try:
             result = tools.run(
-                "pg_ctl", "stop", "--mode", "fast", "--silent", "--pgdata", str(self._data),
-                "--timeout", str(int(_STOP_TIMEOUT_S)), timeout=_STOP_TIMEOUT_S + 5,
+                "pg_ctl", "stop", "--mode", "fast", "--silent", "--pgdata", self._data.name,
+                "--timeout", str(int(_STOP_TIMEOUT_S)), cwd=self._cluster, timeout=_STOP_TIMEOUT_S + 5,
             )  # fmt: skip
         except subprocess.TimeoutExpired:
             logger.warning("the cluster in %s takes long to stop; it goes on doing so by itself", self._home)
@@ -202,30 +221,28 @@ class EmbeddedCluster:
             directory = Path(tempfile.mkdtemp(prefix="slamcu-", dir="/tmp"))  # private, and short
         else:
             directory.mkdir(exist_ok=True, mode=0o700)
+            (directory / f"{_SOCKET_NAME}.lock").unlink(missing_ok=True)  # it names the process that was killed
         if user.drop:
             os.chown(directory, user.uid, user.gid)
         return directory
 
-    def _forget_foreign_pid(self) -> None:
-        """Remove a pid file whose process id now belongs to something else, as after a container's restart."""
+    def _disown_dead_pid(self) -> None:
+        """Put a process id that nobody has into the pid file, if it names a zombie or a process that is not ours.
+
+        PostgreSQL takes both for a postmaster that runs: the zombie of one that was killed where nobody reaps it, and
+        whoever has its id after a container's restart. The file itself stays, because PostgreSQL finds in it whether
+        children of the killed one still live.
+        """
         pid_file = self._data / "postmaster.pid"
         try:
-            pid = int(pid_file.read_text().splitlines()[0])
-            name = Path(f"/proc/{pid}/comm").read_text()
+            lines = pid_file.read_text().splitlines(keepends=True)
+            command, _, state = Path(f"/proc/{int(lines[0])}/stat").read_text().partition("(")[2].rpartition(") ")
         except (FileNotFoundError, IndexError, ValueError):
             return  # no pid file, no such process, or no /proc: PostgreSQL sorts these out itself
-        if not name.startswith("postgres"):
-            pid_file.unlink(missing_ok=True)
+        if not command.startswith("postgres") or state.startswith("Z"):
+            pid_file.write_text("".join([f"{_NO_PID}\n", *lines[1:]]))
 
 
 def _last_line(output: str) -> str:
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     return lines[-1] if lines else "no message"
-
-
-def _still_in_use(log: Path) -> bool:
-    if not log.exists():
-        return False
-    with log.open("rb") as stream:
-        stream.seek(max(0, log.stat().st_size - 4096))
-        return b"still in use" in stream.read()

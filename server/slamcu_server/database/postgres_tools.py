@@ -78,14 +78,16 @@ class PostgresTools:
                 return cls(path, user)
         raise EmbeddedDatabaseError(f"PostgreSQL is here without PostGIS: {_INSTALL}, or set SLAMCU_DATABASE_URL")
 
-    def run(self, program: str, *arguments: str, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
-        """Run one of the programs as the cluster's user and return what it said."""
+    def run(
+        self, program: str, *arguments: str, cwd: Path = Path("/"), timeout: float = 60.0
+    ) -> subprocess.CompletedProcess[str]:
+        """Run one of the programs as the cluster's user, in a directory open to it, and return what it said."""
         environment = {name: value for name, value in os.environ.items() if not name.startswith("PG")}
         identity = {"user": self.user.uid, "group": self.user.gid, "extra_groups": []} if self.user.drop else {}
         result: subprocess.CompletedProcess[str] = subprocess.run(  # noqa: S603  (no shell; the arguments are ours)
             [str(self.bin_dir / program), *arguments],
             check=False,
-            cwd="/",  # the working directory may be closed to that user
+            cwd=cwd,
             env=environment | {"LC_ALL": "C"},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
