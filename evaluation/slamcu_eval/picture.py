@@ -147,7 +147,7 @@ def _draw_plan(axes: Axes, plan: Array, length_m: float, marks: Iterable[Mark]) 
     along *= length_m / along[-1]
     axes.plot(*plan.T, color="#c4c6ca", lw=4.0, solid_capstyle="round", zorder=1)
     axes.plot(*plan[0], "o", ms=5, color="#444444", zorder=2)
-    axes.annotate("start", plan[0], xytext=(5, 5), textcoords="offset points", fontsize=8.5, color="#444444")
+    axes.annotate("start", plan[0], xytext=(6, -10), textcoords="offset points", fontsize=8.5, color="#444444")
     for mark in sorted(marks, key=lambda m: m.kind != "normal"):
         if mark.kind != "normal":
             x, y = (float(np.interp(mark.along, along, plan[:, axis])) for axis in (0, 1))

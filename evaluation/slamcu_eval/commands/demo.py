@@ -12,12 +12,12 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from slamcu_core.formats import write_results
 from slamcu_eval.console import console, error_console, write_json
-from slamcu_eval.demo.drive import FleetResult, prepare_fleet, run_fleet
+from slamcu_eval.demo.drive import FleetResult, prepare_fleet, road_of, run_fleet
 from slamcu_eval.demo.picture import draw_fleet_result
 from slamcu_eval.demo.report import acceptance_table, comparison_table, demo_figures
 from slamcu_eval.demo.review import Acceptance, accept_best
 from slamcu_eval.fleet import Cloud, VehicleJob
-from slamcu_eval.highway import World, make_world
+from slamcu_eval.highway import World
 
 _PICTURE, _RESULT, _FIGURES = "map.png", "result.geojson", "figures.json"
 
@@ -30,6 +30,9 @@ def register(app: typer.Typer) -> None:
         *,
         vehicles: Annotated[int, typer.Option(min=1, max=200, help="Cars that drive at the same time.")] = 10,
         seed: Annotated[int, typer.Option(min=0, help="Seed of the road, its signs and the drives.")] = 1,
+        length_km: Annotated[
+            float, typer.Option(min=2.0, max=50.0, help="Length of the road.")
+        ] = 20.0,
         out: Annotated[Path, typer.Option(help="Folder for picture, result and figures.")] = Path("demo-output"),
         keep: Annotated[
             bool, typer.Option("--keep", envvar="KEEP", help="Go on serving at the end, until Ctrl-C.")
@@ -42,11 +45,10 @@ def register(app: typer.Typer) -> None:
         """
         begun = time.monotonic()
         out.mkdir(parents=True, exist_ok=True)
-        world = make_world(seed)
         _say("starting a server with a PostGIS of its own")
         with Cloud() as cloud:
             _say(f"the server listens on {cloud.url}; importing the map and making a key for each car")
-            jobs = prepare_fleet(cloud, world, seed, vehicles, out)
+            world, jobs = prepare_fleet(cloud, seed, road_of(length_km), vehicles, out)
             _say(_about(world, vehicles))
             result = _drive(cloud, world, jobs)
             acceptance = accept_best(cloud, world.name)

@@ -21,7 +21,7 @@ from slamcu_eval.fleet import (
     fetch_map,
     fused_result,
 )
-from slamcu_eval.highway import World, make_drive, make_world
+from slamcu_eval.highway import HighwayParameters, World, make_drive, make_world
 from slamcu_eval.highway.files import write_world
 from slamcu_eval.paper import facts_of
 from slamcu_eval.score import HIGHWAY_RADIUS_M, Claim, Fact, Score, score
@@ -33,10 +33,11 @@ class HighwayDrive:
 
     seed: int
     vehicle: int
+    parameters: HighwayParameters
 
     def open(self) -> OpenDrive:
         """Simulate the drive."""
-        drive = make_drive(make_world(self.seed), self.seed, self.vehicle)
+        drive = make_drive(make_world(self.seed, self.parameters.world), self.seed, self.vehicle, self.parameters)
         truth = np.column_stack([drive.reference.t, drive.reference.lon, drive.reference.lat])
         return OpenDrive(drive.header, drive.records, truth)
 
@@ -74,16 +75,33 @@ class FleetResult:
         return sum(o.passes for o in self.outcomes)
 
 
-def prepare_fleet(cloud: Cloud, world: World, seed: int, vehicles: int, folder: Path) -> list[VehicleJob]:
-    """Import the world's map, make each car an account, and let each fetch its map."""
+def road_of(length_km: float) -> HighwayParameters:
+    """Return the paper's road, or a shorter one with its signs as dense."""
+    paper = HighwayParameters()
+    share = 1e3 * length_km / paper.world.length_m
+    counts = {kind: max(1, round(share * getattr(paper.world, kind))) for kind in ("normal", "deleted", "new")}
+    return paper.having(length_m=1e3 * length_km, **counts)
+
+
+def prepare_fleet(
+    cloud: Cloud, seed: int, parameters: HighwayParameters, vehicles: int, folder: Path
+) -> tuple[World, list[VehicleJob]]:
+    """Draw a world, import its map, make each car an account, and let each fetch its map.
+
+    Parameters
+    ----------
+    folder : where map and truth are written to.
+    """
+    world = make_world(seed, parameters.world)
     write_world(world, folder)
     cloud.import_map(folder / "map.geojson")
     jobs = []
     for vehicle, key in enumerate(cloud.create_keys("vehicle", vehicles)):
         account = Account(cloud.url, key, cloud.scratch / f"vehicle-{vehicle:03d}")
         filter_seed = int(np.random.SeedSequence([seed, 2, vehicle]).generate_state(1)[0])
-        jobs.append(VehicleJob(HighwayDrive(seed, vehicle), filter_seed, fetch_map(account, world.name), account))
-    return jobs
+        drive = HighwayDrive(seed, vehicle, parameters)
+        jobs.append(VehicleJob(drive, filter_seed, fetch_map(account, world.name), account))
+    return world, jobs
 
 
 def run_fleet(cloud: Cloud, world: World, jobs: list[VehicleJob], tell: Callable[[int, float], None]) -> FleetResult:

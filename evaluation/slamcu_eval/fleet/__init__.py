@@ -2,6 +2,7 @@
 
 from slamcu_eval.fleet.cloud import Cloud, CloudError
 from slamcu_eval.fleet.processes import VehicleError, drive_fleet
+from slamcu_eval.fleet.program import Program, ProgramError
 from slamcu_eval.fleet.readback import fused_result, standing_changes
 from slamcu_eval.fleet.vehicle import (
     Account,
@@ -19,6 +20,8 @@ __all__ = [
     "CloudError",
     "DriveSource",
     "OpenDrive",
+    "Program",
+    "ProgramError",
     "VehicleError",
     "VehicleJob",
     "VehicleOutcome",

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -22,9 +20,9 @@ from slamcu_server.database.embedded import EmbeddedCluster
 
 from slamcu_core.aggregation import Policy
 from slamcu_core.errors import SlamcuError
+from slamcu_eval.fleet.program import Program, ProgramError, run_server_command
 
 _START_TIMEOUT_S = 60.0
-_STOP_TIMEOUT_S = 20.0
 _POLL_S = 0.1
 
 
@@ -44,18 +42,17 @@ class Cloud:
             cloud.wait_until_fused()
             cloud.get("/v1/changes")
 
-    Ctrl-C and SIGTERM reach this process only, which stops the server in order; the server has a session of its own.
+    Ctrl-C, SIGTERM and SIGHUP reach this process only, which then stops the server in order.
 
     Parameters
     ----------
     policy : the aggregation policy; None: the server's own.
-    port : 0 takes any free one.
+    own_worker : aggregate in a process of its own (`worker`) instead of the server's.
     """
 
-    def __init__(self, *, policy: Policy | None = None, port: int = 0) -> None:
-        self._policy, self._port = policy, port
+    def __init__(self, *, policy: Policy | None = None, own_worker: bool = False) -> None:
+        self._policy, self._own_worker = policy, own_worker
         self._stack = ExitStack()
-        self._process: subprocess.Popen[bytes] | None = None
         self._provider: Server | None = None
         self._batches = 0
         self.url = ""
@@ -63,16 +60,19 @@ class Cloud:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            stack.enter_context(_sigterm_as_exit())
-            self._home = Path(
-                stack.enter_context(tempfile.TemporaryDirectory(prefix="slamcu-", ignore_cleanup_errors=True))
-            )
+            stack.enter_context(_signals_as_exit())
+            home = tempfile.TemporaryDirectory(prefix="slamcu-", ignore_cleanup_errors=True)
+            self._home = Path(stack.enter_context(home))
             self._home.chmod(0o711)  # PostgreSQL does not run as root, and must be able to get to its directory
             self.scratch.mkdir()
-            stack.callback(self._stop_cluster)
-            stack.callback(self.stop)
             self._environment = self._private_environment()
+            self._server = self._program("serve", "--worker" if not self._own_worker else "--no-worker")
+            self.worker = Program(("worker",), self._environment, self._home / "worker.log")
+            for leave in (self._stop_cluster, self.worker.stop, self._server.stop):
+                stack.callback(leave)
             self.start()
+            if self._own_worker:
+                self.worker.start()
             (self.provider_key,) = self.create_keys("provider", 1)
             self._provider = stack.enter_context(Server(self.url, self.provider_key))
             self._stack = stack.pop_all()
@@ -87,8 +87,8 @@ class Cloud:
 
     @property
     def pid(self) -> int:
-        """Process id of the server."""
-        return self._running().pid
+        """Process id of the server; raises ProgramError if it is not running."""
+        return self._server.pid
 
     @property
     def data_dir(self) -> Path:
@@ -100,58 +100,42 @@ class Cloud:
         """A folder for what belongs to the evaluation, such as the vehicles' outboxes; it goes with the server."""
         return self._home / "scratch"
 
-    @property
-    def log(self) -> Path:
-        """What the server wrote to standard error."""
-        return self._home / "server.log"
-
     def start(self) -> None:
         """Start the server and wait until it answers; after the first time at the same address as before.
 
         Raises CloudError if it does not.
         """
-        ready = self._home / "ready"
-        ready.unlink(missing_ok=True)
-        arguments = ["serve", "--port", str(self._port), "--ready-file", str(ready)]
-        with self.log.open("ab") as log:
-            self._process = subprocess.Popen(  # noqa: S603  (our own program)
-                _command(arguments),
-                env=self._environment,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,
-            )
+        self._ready_file.unlink(missing_ok=True)
+        self._server.start()
         deadline = time.monotonic() + _START_TIMEOUT_S
-        while not ready.exists():
-            if self._process.poll() is not None or time.monotonic() > deadline:
-                raise CloudError(f"the server did not start: {self._last_words()}")
+        while not self._ready_file.exists():
+            try:
+                self._server.check()
+            except ProgramError as error:
+                raise CloudError(f"the server did not start: {error}") from None
+            if time.monotonic() > deadline:
+                raise CloudError(f"the server did not start in {_START_TIMEOUT_S:g} s: {self._server.last_words()}")
             time.sleep(_POLL_S / 2)
-        self.url = ready.read_text(encoding="utf-8").strip()
-        self._port = int(self.url.rsplit(":", 1)[1])
-
-    def stop(self) -> None:
-        """Stop the server in order; kill it if it takes too long."""
-        process, self._process = self._process, None
-        if process is None:
-            return
-        process.terminate()
-        try:
-            process.wait(_STOP_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-
-    def wait(self) -> None:
-        """Wait until the server ends by itself; raise CloudError then, for it should not."""
-        self._running().wait()
-        self._running()
+        self.url = self._ready_file.read_text(encoding="utf-8").strip()
+        # where the vehicles will look for it again
+        self._environment["SLAMCU_PORT"] = self.url.rsplit(":", 1)[1]
 
     def kill(self) -> None:
         """Kill the server as a crash would (SIGKILL); `start` brings it back on the same data."""
-        process, self._process = self._running(), None
-        process.kill()
-        process.wait()
+        self._server.kill()
+
+    def wait(self) -> None:
+        """Wait until the server ends by itself, and raise ProgramError then, for it should not."""
+        self._server.wait()
+        self._server.check()
+
+    @property
+    def _ready_file(self) -> Path:
+        return self._home / "ready"
+
+    def _program(self, *arguments: str) -> Program:
+        arguments = (*arguments, "--ready-file", str(self._ready_file))
+        return Program(arguments, self._environment, self._home / "server.log")
 
     def _stop_cluster(self) -> None:
         """Stop the cluster that a killed server left running: the last user to leave does it."""
@@ -159,42 +143,21 @@ class Cloud:
             with EmbeddedCluster(self.data_dir):
                 pass
 
-    def _running(self) -> subprocess.Popen[bytes]:
-        if self._process is None or self._process.poll() is not None:
-            raise CloudError(f"the server is not running: {self._last_words()}")
-        return self._process
-
     def _private_environment(self) -> dict[str, str]:
         """Return the environment without the settings of the user's own server."""
         environment = {name: value for name, value in os.environ.items() if not name.startswith("SLAMCU_")}
-        environment["SLAMCU_DATA_DIR"] = str(self.data_dir)
-        environment["SLAMCU_LOG_LEVEL"] = "warning"
+        environment |= {"SLAMCU_DATA_DIR": str(self.data_dir), "SLAMCU_LOG_LEVEL": "warning", "SLAMCU_PORT": "0"}
         if self._policy is not None:
             path = self._home / "policy.json"
             path.write_text(json.dumps(self._policy.to_document()), encoding="utf-8")
             environment["SLAMCU_POLICY_FILE"] = str(path)
         return environment
 
-    def _last_words(self) -> str:
-        lines = self.log.read_text(encoding="utf-8", errors="replace").split("\n") if self.log.exists() else []
-        return next((line.strip() for line in reversed(lines) if line.strip()), "it said nothing")
-
     # --- what is done with it ---------------------------------------------------------------------------------------
 
     def command(self, *arguments: str) -> str:
-        """Run `slamcu-server` on the same data and return its output; raise CloudError if it fails."""
-        done = subprocess.run(  # noqa: S603  (our own program)
-            _command(arguments),
-            env=self._environment,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if done.returncode != 0:
-            said = done.stderr.strip().rsplit("\n", 1)[-1]
-            raise CloudError(f"slamcu-server {arguments[0]} failed: {said or 'no message'}")
-        return done.stdout
+        """Run `slamcu-server` on the same data and return its output; raise ProgramError if it fails."""
+        return run_server_command(arguments, self._environment)
 
     def import_map(self, path: Path) -> None:
         """Import an HD map (GeoJSON)."""
@@ -250,7 +213,7 @@ class Cloud:
         """Return how many messages wait to be fused; raise CloudError if one was put aside as unusable."""
         values = self._metrics("slamcu_aggregation_pending_messages", "slamcu_aggregation_quarantined_messages")
         if values[1]:
-            raise CloudError(f"{values[1]:.0f} messages could not be fused: {self._last_words()}")
+            raise CloudError(f"{values[1]:.0f} messages could not be fused: {self._server.last_words()}")
         return int(values[0])
 
     def wait_until_fused(self, timeout_s: float = 120.0) -> None:
@@ -260,9 +223,11 @@ class Cloud:
         """
         deadline = time.monotonic() + timeout_s
         while left := self.pending():
-            self._running()
+            self._server.check()
             if time.monotonic() > deadline:
-                raise CloudError(f"{left} messages still wait to be fused after {timeout_s:g} s: {self._last_words()}")
+                raise CloudError(
+                    f"{left} messages still wait to be fused after {timeout_s:g} s: {self._server.last_words()}"
+                )
             time.sleep(_POLL_S)
 
     def _metrics(self, *names: str) -> list[float]:
@@ -274,13 +239,9 @@ class Cloud:
             raise CloudError(f"the server's metrics lack {error}") from None
 
 
-def _command(arguments: list[str] | tuple[str, ...]) -> list[str]:
-    return [sys.executable, "-m", "slamcu_server.cli", *arguments]
-
-
 @contextmanager
-def _sigterm_as_exit() -> Iterator[None]:
-    """Let SIGTERM unwind the stack, so that the server is stopped; where signals cannot be set, leave it."""
+def _signals_as_exit() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP unwind the stack, so that the server is stopped; where signals cannot be set, leave it."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -70,7 +70,7 @@ class VehicleOutcome:
     features: tuple[FeatureEstimate, ...]
     pose_errors_m: Array  # (K,) distance from the truth, a few times a second
     step_ms: Array  # (F,) per detection frame, the odometry since the frame before included
-    passes: int
+    passes: int  # that it reported, or would have
     upload: UploadResult | None
     health: Health
 
@@ -121,7 +121,8 @@ def drive_vehicle(job: VehicleJob, tell: Callable[[float], None] = lambda _: Non
 
 
 def _outcome(session: VehicleSession, errors: Array, steps: Array, upload: UploadResult | None) -> VehicleOutcome:
-    return VehicleOutcome(tuple(session.features()), errors, steps, session.passes, upload, session.health)
+    passes = session.passes if upload is None else session.passes_reported
+    return VehicleOutcome(tuple(session.features()), errors, steps, passes, upload, session.health)
 
 
 def _feed(session: VehicleSession, drive: OpenDrive, tell: Callable[[float], None]) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from slamcu_eval.fleet import Cloud, CloudError
+from slamcu_eval.fleet import Cloud, CloudError, ProgramError
 
 from slamcu_core.formats import write_hd_map
 from slamcu_core.hd_map import MapFeature, MapIdentity
@@ -41,7 +41,7 @@ def test_each_key_is_an_account_of_its_own(cloud: Cloud) -> None:
 def test_what_the_server_refuses_is_told_in_its_words(cloud: Cloud) -> None:
     path = cloud.scratch / "wrong.geojson"
     path.write_text('{"type": "FeatureCollection", "features": [{"type": "Feature"}]}')
-    with pytest.raises(CloudError, match=r"import-map failed: .*wrong.geojson"):
+    with pytest.raises(ProgramError, match=r"import-map failed: .*wrong.geojson"):
         cloud.import_map(path)
     with pytest.raises(CloudError, match="GET /v1/maps/nowhere/features: 404"):
         cloud.features("nowhere")
@@ -53,7 +53,7 @@ def test_a_killed_server_comes_back_at_its_address_with_its_data(cloud: Cloud) -
     cloud.import_map(path)
     url, pid = cloud.url, cloud.pid
     cloud.kill()
-    with pytest.raises(CloudError, match="not running"):
+    with pytest.raises(ProgramError, match="not running"):
         _ = cloud.pid
     cloud.start()
     assert cloud.url == url
