@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 _SCALE_ERROR = 0.06  # of our own speed; how fast a still sign may seem to move for errors of range
 _SLOWEST_MOVER = 0.5  # of our own speed; what moves along with traffic moves at least so fast
+_PERSISTENCE = 0.6  # of the sensor's P_D; a find detected more rarely than this is not one thing
 
 
 class State(StrEnum):
@@ -106,3 +107,13 @@ def stands_still(
     at_rest = speed**2 / variance
     moving = np.maximum(mover - speed, 0.0) ** 2 / variance
     return np.asarray(known & (at_rest < 9.0) & (moving - at_rest > 6.0))
+
+
+def shows_itself(table: FeatureTable, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return whether rows were detected about as often in their pass as a real feature would have been.
+
+    Two painted signs one behind the other, or two reflections, can pass for one sign that stands still; but the place
+    between them stays empty.
+    """
+    hit, missed = table.looks_hit[rows], table.looks_missed[rows]
+    return np.asarray(hit >= _PERSISTENCE * table.nominal[rows] * (hit + missed))

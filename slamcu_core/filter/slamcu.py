@@ -291,6 +291,7 @@ class SlamcuFilter:
 
     def _stands(self, rows: Index) -> NDArray[np.bool_]:
         proven = existence.stands_still(self._table, rows, self._speed, self.parameters)
+        proven &= existence.shows_itself(self._table, rows)
         return np.asarray(proven | (self._table.kind[rows] != Kind.NEW) | self._table.reported[rows])
 
     # --- the car's own finds ---------------------------------------------------------------------------------------
@@ -319,6 +320,7 @@ class SlamcuFilter:
         }
         row = table.add(Kind.NEW, **codes) if not self._spare else table.reuse(self._spare.pop(), Kind.NEW, **codes)
         table.slot[row] = slot
+        table.nominal[row] = model.sensor.detection_probability
         table.born[row] = table.last_hit[row] = self._time
         table.hits[row] = 1
         table.xy[row] = particles.weights @ place

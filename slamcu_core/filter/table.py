@@ -37,6 +37,7 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     "born": (np.float64, ()),
     "last_hit": (np.float64, ()),
     "passes": (np.int64, ()),
+    "nominal": (np.float64, ()),  # P_D of the sensor that found it
     # the open pass
     "open": (np.bool_, ()),
     "pass_start": (np.float64, ()),
@@ -79,6 +80,7 @@ class FeatureTable:
     born: Array
     last_hit: Array
     passes: NDArray[np.int64]
+    nominal: Array
     open: NDArray[np.bool_]
     pass_start: Array
     pass_last: Array
