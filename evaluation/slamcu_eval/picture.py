@@ -85,7 +85,7 @@ def draw_road(
     )
     figure.text(0.02, 0.955, title, fontsize=17, fontweight="bold")
     figure.text(0.02, 0.922, subtitle, fontsize=11.5, color="#444444")
-    heights = _stack(marks, length_m / rows)
+    heights = stack(marks, length_m / rows)
     for row in range(rows):
         _draw_row(figure.add_subplot(grid[row, 0]), row, length_m / rows, marks, heights)
     right = grid[:, 1].subgridspec(1 + min(len(close_ups), 3), 1, hspace=0.32)
@@ -99,7 +99,7 @@ def draw_road(
     figure.savefig(path)
 
 
-def _stack(marks: Sequence[Mark], row_m: float) -> list[float]:
+def stack(marks: Sequence[Mark], row_m: float) -> list[float]:
     """Return a height per mark, signed by side, so that marks close to each other do not cover each other."""
     heights = [0.0] * len(marks)
     last: dict[tuple[int, bool], list[tuple[float, int]]] = {}

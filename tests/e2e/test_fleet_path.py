@@ -19,6 +19,7 @@ VEHICLES, SEED = 4, 3
 ROAD = road_of(2.5)
 
 
+@pytest.mark.slow
 def test_a_fleet_s_reports_are_stored_once_and_fused_as_they_fold(look_into: Callable[[Cloud], Any]) -> None:
     with Cloud() as cloud:
         world, jobs = prepare_fleet(cloud, SEED, ROAD, VEHICLES, cloud.scratch)
@@ -60,6 +61,7 @@ class Uploaded:
     remaining: int
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("own_worker", [False, True], ids=["the server", "the server and its worker"])
 def test_nothing_is_lost_or_doubled_when_processes_are_killed_in_the_middle_of_an_upload(
     own_worker: bool, look_into: Callable[[Cloud], Any]
