@@ -20,6 +20,7 @@ logger = logging.getLogger(__name__)
 
 MEDIA_TYPE = "application/problem+json"
 _BUSY = {"40001", "40P01", "53300", "55P03", "57014", "57P01", "57P02", "57P03"}  # SQLSTATEs that a repeat may cure
+_BAD_VALUE = ("22", "54")  # classes of SQLSTATEs: data exceptions, limits exceeded
 
 
 class FieldError(BaseModel):
@@ -112,9 +113,11 @@ async def _on_data_error(_: Request, error: Exception) -> JSONResponse:
     return problem_response(422, "the request holds a value that cannot be stored", code="invalid-value")
 
 
-async def _on_database_error(_: Request, error: Exception) -> JSONResponse:
+async def _on_database_error(request: Request, error: Exception) -> JSONResponse:
     if isinstance(error, DBAPIError):
-        state = getattr(error.orig, "sqlstate", None)
+        state = getattr(error.orig, "sqlstate", None) or ""
+        if state.startswith(_BAD_VALUE):
+            return await _on_data_error(request, error)
         lost = isinstance(error, InterfaceError | OperationalError) or error.connection_invalidated or state in _BUSY
     elif isinstance(error, asyncpg.PostgresError):
         lost = error.sqlstate in _BUSY
@@ -140,3 +143,13 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(DataError, _on_data_error)
     for kind in (DBAPIError, PoolTimeoutError, asyncpg.PostgresError, OSError):
         app.add_exception_handler(kind, _on_database_error)
+    describe = app.openapi
+
+    def openapi() -> dict[str, Any]:
+        schema = describe()
+        document = ProblemDocument.model_json_schema(ref_template="#/components/schemas/{model}")
+        schemas = schema.setdefault("components", {}).setdefault("schemas", {})
+        schemas.update({**document.pop("$defs", {}), "ProblemDocument": document})
+        return schema
+
+    app.openapi = openapi  # type: ignore[method-assign]  # FastAPI's documented way to extend the schema

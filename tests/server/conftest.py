@@ -148,6 +148,12 @@ async def provider(issue_key: IssueKey) -> dict[str, str]:
 
 
 @pytest.fixture
+async def admin(issue_key: IssueKey) -> dict[str, str]:
+    """The headers of an admin."""
+    return _auth(await issue_key("admin", "admin"))
+
+
+@pytest.fixture
 def auth() -> Callable[[IssuedKey], dict[str, str]]:
     """`auth(key)`: the headers of the key's holder."""
     return _auth

@@ -1,0 +1,190 @@
+"""Every error is a problem document, nothing a client sends is a 500, and nothing inside shows."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import logging
+from typing import Any
+from urllib.parse import quote
+
+import httpx
+import pytest
+from fastapi import FastAPI
+from slamcu_server.app import create_app
+from slamcu_server.database.engine import create_engine
+from slamcu_server.settings import Settings
+from sqlalchemy import text
+from sqlalchemy.ext.asyncio import AsyncEngine
+
+pytestmark = pytest.mark.anyio
+
+OPEN = {"/livez", "/readyz", "/metrics"}
+
+
+def problem_of(answer: httpx.Response) -> dict[str, Any]:
+    assert answer.headers["content-type"] == "application/problem+json"
+    problem: dict[str, Any] = answer.json()
+    assert problem["status"] == answer.status_code
+    assert problem["type"] == "about:blank" or problem["type"].startswith("urn:slamcu:problem:")
+    assert problem["title"]
+    return problem
+
+
+async def test_an_unknown_route_is_404_and_a_wrong_method_405(client: httpx.AsyncClient) -> None:
+    for path in ("/nowhere", "/v1", "/v1/", "/v1/maps/", "//", "/%00", "/v1/data-messages/"):
+        answer = await client.get(path)
+        assert (answer.status_code, problem_of(answer)["title"]) == (404, "Not Found"), path
+    answer = await client.delete("/v1/maps")
+    assert answer.status_code == 405
+    assert "GET" in answer.headers["allow"]
+    problem_of(answer)
+
+
+async def test_an_unexpected_error_shows_nothing_and_is_logged(
+    app: FastAPI, client: httpx.AsyncClient, caplog: pytest.LogCaptureFixture
+) -> None:
+    @app.get("/broken")
+    async def broken() -> None:
+        raise RuntimeError("the secret of the kitchen")
+
+    answer = await client.get("/broken")
+    assert answer.status_code == 500
+    assert problem_of(answer)["detail"] == "an unexpected error; it has been logged"
+    assert "kitchen" not in answer.text
+    assert any(record.exc_info and "kitchen" in str(record.exc_info[1]) for record in caplog.records)
+    assert 'route="/broken",status="500"' in (await client.get("/metrics")).text
+
+
+async def test_a_failed_request_leaves_nothing_behind(
+    app: FastAPI, client: httpx.AsyncClient, engine: AsyncEngine
+) -> None:
+    from slamcu_server.database.engine import WriteTransaction
+    from slamcu_server.problems import Problem
+
+    # The application's annotations are read in the module's namespace, which does not have this one.
+    async def half(connection: Any) -> None:
+        await connection.execute(text("INSERT INTO accounts (role, label) VALUES ('vehicle', 'half')"))
+        raise Problem(409, "half-way", "stopped half-way")
+
+    half.__annotations__ = {"connection": WriteTransaction, "return": None}
+    app.post("/half")(half)
+    assert (await client.post("/half")).status_code == 409
+    async with engine.connect() as connection:
+        assert (await connection.execute(text("SELECT count(*) FROM accounts WHERE label = 'half'"))).scalar_one() == 0
+
+
+async def test_without_its_database_it_says_so_and_asks_to_come_again(
+    settings: Settings, vehicle: dict[str, str]
+) -> None:
+    for url in ("postgresql+asyncpg://slamcu@/x?host=/nonexistent", "postgresql+asyncpg://slamcu@127.0.0.1:1/x"):
+        engine = create_engine(url)
+        app = create_app(settings, engine=engine)
+        async with (
+            app.router.lifespan_context(app),
+            httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://slamcu.test") as client,
+        ):
+            for path in ("/v1/maps", "/readyz", "/metrics"):
+                answer = await client.get(path, headers=vehicle)
+                assert answer.status_code == 503, path
+                assert answer.headers["retry-after"]
+                assert "nonexistent" not in problem_of(answer)["detail"]
+            assert (await client.get("/livez")).status_code == 200
+        await engine.dispose()
+
+
+async def test_a_declared_length_is_refused_before_it_is_sent(client: httpx.AsyncClient, settings: Settings) -> None:
+    async def never() -> Any:
+        raise AssertionError("the body was read")
+        yield b""
+
+    headers = {"Content-Length": str(settings.max_body_bytes + 1)}
+    answer = await client.post("/v1/data-messages", content=never(), headers=headers)
+    assert answer.status_code == 413
+    problem_of(answer)
+
+
+async def test_headers_keep_browsers_and_caches_at_bay(client: httpx.AsyncClient, vehicle: dict[str, str]) -> None:
+    for path in ("/livez", "/v1/maps", "/nowhere"):
+        headers = (await client.get(path, headers=vehicle)).headers
+        assert headers["x-content-type-options"] == "nosniff"
+        assert headers["cache-control"] == "no-store"
+        assert "server" not in headers
+
+
+async def test_the_access_log_names_keys_and_no_secrets(
+    client: httpx.AsyncClient, vehicle: dict[str, str], caplog: pytest.LogCaptureFixture
+) -> None:
+    key_id, secret = vehicle["Authorization"].split("_", 2)[1:]
+    with caplog.at_level(logging.DEBUG):
+        await client.get("/v1/maps/town-hall/features?bbox=1,2,3,4", headers=vehicle)
+    (line,) = [record.getMessage() for record in caplog.records if record.name == "slamcu_server.access"]
+    assert line.startswith("GET /v1/maps/{source}/features 404 ")
+    assert key_id in line
+    assert secret not in caplog.text
+
+
+def operations(schema: dict[str, Any]) -> list[tuple[str, str, dict[str, Any]]]:
+    return [(path, method, operation) for path, item in schema["paths"].items() for method, operation in item.items()]
+
+
+async def test_the_documentation_is_complete(app: FastAPI, client: httpx.AsyncClient) -> None:
+    schema = (await client.get("/openapi.json")).json()
+    assert schema["components"]["securitySchemes"]["key"]["scheme"] == "bearer"
+    assert "ProblemDocument" in schema["components"]["schemas"]
+    assert "HTTPValidationError" not in schema["components"]["schemas"]
+    for path, method, operation in operations(schema):
+        where = f"{method} {path}"
+        assert operation["description"], where
+        assert ("security" in operation) == (path not in OPEN), where
+        for status, answer in operation["responses"].items():
+            if int(status) >= 400:
+                assert list(answer["content"]) == ["application/problem+json"], f"{where} {status}"
+    assert (await client.get("/docs")).status_code == 200
+
+
+NASTY = (
+    "", "0", "-1", "1", "9" * 18, "9" * 30, "1.5", "nan", "inf", "1e400", "true", "null", "\0", "a\0b", "\n", "💥",
+    "'; DROP TABLE maps; --", "%", "../..", "1,2,3,4", "0,0,0,0", "-180,-90,180,90", "a" * 5000, "2026-05-01T08:00:00Z",
+    "9999-12-31T23:59:59Z", "0000-00-00", "[]", "{}", "confirmed", "deleted", "watch-1",
+)  # fmt: skip
+
+
+@pytest.mark.usefixtures("town")
+async def test_no_query_is_an_unexpected_error(app: FastAPI, client: httpx.AsyncClient, admin: dict[str, str]) -> None:
+    for path, method, operation in operations(app.openapi()):
+        if method != "get":
+            continue
+        parameters = operation.get("parameters", [])
+        in_path = [one["name"] for one in parameters if one["in"] == "path"]
+        in_query = [one["name"] for one in parameters if one["in"] == "query"]
+        urls = [path.format(**dict.fromkeys(in_path, quote(nasty, safe=""))) for nasty in NASTY if nasty and in_path]
+        plain = path.format(**dict.fromkeys(in_path, "1")).replace("/maps/1/", "/maps/town/")
+        urls += [
+            f"{plain}?{name}={quote(nasty.encode(), safe='')}" for name, nasty in itertools.product(in_query, NASTY)
+        ]
+        answers = await asyncio.gather(*(client.get(url, headers=admin) for url in urls))
+        for url, answer in zip(urls, answers, strict=True):
+            assert answer.status_code in {200, 304, 400, 404, 422}, (url[:200], answer.text)
+            if answer.status_code >= 400:
+                problem_of(answer)
+
+
+@pytest.mark.usefixtures("town")
+@pytest.mark.parametrize(
+    "body",
+    [b"", b"{", b"[]", b"null", b'"x"', b"\xff\xfe", b'{"decision": "\\ud800"}', b'{"decision": 1e999}', b"[" * 9999],
+)
+async def test_no_body_is_an_unexpected_error(
+    app: FastAPI, client: httpx.AsyncClient, admin: dict[str, str], body: bytes
+) -> None:
+    for path, method, operation in operations(app.openapi()):
+        if method == "get":
+            continue
+        in_path = [one["name"] for one in operation.get("parameters", []) if one["in"] == "path"]
+        url = path.format(**dict.fromkeys(in_path, "1"))
+        for extra in ({}, {"Content-Type": "application/json"}, {"Content-Type": "text/plain", "If-Match": "nonsense"}):
+            answer = await client.request(method, url, content=body, headers=admin | extra)
+            assert answer.status_code < 500, (url, answer.text)
+            if answer.status_code >= 400:
+                problem_of(answer)
