@@ -6,6 +6,7 @@ wrote about its cells. The appending to the feed comes last, because all batches
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -82,7 +83,7 @@ async def quarantine(engine: AsyncEngine, message_id: int, reason: str) -> None:
 async def _fuse(
     connection: AsyncConnection, claimed: Sequence[ClaimedMessage], policy: Policy, further: frozenset[Cell]
 ) -> Fused:
-    reports, reasons = _decode(claimed)
+    reports, reasons = await asyncio.to_thread(_decode, claimed)
     known = await reads.lookups(connection, reports.values())
     resolved, unresolvable = _resolve(claimed, reports, known)
     reasons |= unresolvable
@@ -116,8 +117,8 @@ async def _fold(
     features = frozenset(item.feature_id for item in passes if item.feature_id is not None)
     anchors = await reads.anchors(connection, features)
     require_cells(cells_of(anchors, policy), held)
-    refolded = await refold(connection, Touched(features, _places(passes, known)), held, policy)
-    return await feed.publish(connection, refolded.beliefs, refolded.merged, policy)
+    beliefs = await refold(connection, Touched(features, _places(passes, known)), held, policy)
+    return await feed.publish(connection, beliefs, policy)
 
 
 async def _match(

@@ -114,16 +114,21 @@ async def anchors(connection: AsyncConnection, ids: Iterable[int]) -> list[tuple
     return [(row.map_id, row.lon, row.lat) for row in found]
 
 
-async def features(connection: AsyncConnection, ids: Iterable[int] | None = None) -> dict[int, MappedFeature]:
-    """Return map features by id (all of them if none are named), as their newest version has them."""
-    wanted = "TRUE" if ids is None else "f.id = ANY(CAST(:ids AS bigint[]))"
+async def reported_features(connection: AsyncConnection) -> set[int]:
+    """Return the features about which anything is believed beyond what the map says."""
+    query = "SELECT feature_id FROM feature_states UNION SELECT feature_id FROM passes WHERE feature_id IS NOT NULL"
+    return {row.feature_id for row in await connection.execute(text(query))}
+
+
+async def features(connection: AsyncConnection, ids: Iterable[int]) -> dict[int, MappedFeature]:
+    """Return map features by id, as their newest version has them."""
     found = await connection.execute(
-        text(f"""
+        text("""
         SELECT DISTINCT ON (f.id) f.id, f.map_id, f.object_id, v.to_sequence IS NULL AS in_map, v.feature_class,
                v.sign, v.value, v.existence_confidence, v.position_std_m, ST_X(v.geom) AS lon, ST_Y(v.geom) AS lat
         FROM features f JOIN feature_versions v ON v.feature_id = f.id
-        WHERE {wanted} ORDER BY f.id, v.from_sequence DESC"""),  # noqa: S608  (two constants)
-        {} if ids is None else {"ids": sorted(set(ids))},
+        WHERE f.id = ANY(CAST(:ids AS bigint[])) ORDER BY f.id, v.from_sequence DESC"""),
+        {"ids": sorted(set(ids))},
     )
     return {row.id: MappedFeature(**row._mapping) for row in found}  # noqa: SLF001  (a row's public mapping)
 

@@ -27,8 +27,8 @@ async def rebuild(engine: AsyncEngine, policy: Policy) -> int:
     async with engine.begin() as connection:
         await lock_maps(connection)
         await remember_policy(connection, policy)
-        refolded = await refold(connection, Touched(), None, policy)
-        entries = await feed.publish(connection, refolded.beliefs, refolded.merged, policy)
+        beliefs = await refold(connection, Touched(), None, policy)
+        entries = await feed.publish(connection, beliefs, policy)
         await feed.append(connection, entries)
     return len(entries)
 
@@ -46,16 +46,14 @@ async def differences(engine: AsyncEngine, policy: Policy) -> list[str]:
 
 async def _feature_differences(connection: AsyncConnection, policy: Policy) -> list[str]:
     passes = await reads.passes_over_features(connection, None)
-    features = await reads.features(connection, passes.keys())
+    features = await reads.features(connection, await reads.reported_features(connection))
     summaries = fold_features(features.values(), passes, policy)
     wanted = {
         key: {**writes.belief_row(summary, policy.version), "looked": summary.looked, "blocked": summary.blocked}
         for key, summary in summaries.items()
     }
     stored = await _stored(connection, "SELECT *, feature_id AS key FROM feature_states")
-    # A feature that review made has a state, its prior, before anybody reports on it.
-    silent = {key for key, row in stored.items() if row["passes"] == 0 and key not in wanted}
-    return list(_compare("feature", wanted, {key: row for key, row in stored.items() if key not in silent}))
+    return list(_compare("feature", wanted, stored))
 
 
 async def _candidate_differences(connection: AsyncConnection, policy: Policy) -> list[str]:

@@ -1,10 +1,12 @@
 """Fold again what a transaction touched, and write what is believed now: the one way by which beliefs change.
 
-The caller holds the cells; reviews and rebuilds come this way too.
+The caller holds the cells; reviews and rebuilds come this way too. The arithmetic runs in a thread, because the process
+may be serving requests at the same time.
 """
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -18,7 +20,7 @@ from slamcu_server.aggregation.folding import CandidateFold, fold_candidates, fo
 from slamcu_server.aggregation.locks import require_cells
 from slamcu_server.aggregation.passes import StoredPass
 from slamcu_server.aggregation.reads import MappedFeature
-from slamcu_server.changes.belief import Belief, Kind, Subject
+from slamcu_server.changes.belief import Belief, Beliefs, Kind, Subject
 
 Places = frozenset[tuple[int, float, float]]
 
@@ -31,47 +33,36 @@ class Touched:
     places: Places | None = None  # (map id, lon, lat) near which candidates may have changed
 
 
-@dataclass(frozen=True, slots=True)
-class Refolded:
-    """What is believed now about what was touched."""
-
-    beliefs: tuple[tuple[Subject, Belief], ...]
-    merged: dict[int, int]  # candidates that are part of another now
-
-
 async def refold(
     connection: AsyncConnection, touched: Touched, held: frozenset[Cell] | None, policy: Policy
-) -> Refolded:
+) -> Beliefs:
     """Fold what was touched from its stored passes and write the result.
 
     Raises BeyondLockedCells if a connected group reaches beyond the cells that are held (None: everything is).
     """
-    mapped = await _refold_features(connection, touched.features, policy)
+    mapped, unmapped = await _refold_features(connection, touched.features, policy)
     candidates, merged = await _refold_candidates(connection, touched.places, held, policy)
-    return Refolded((*mapped, *candidates), merged)
+    return Beliefs((*mapped, *candidates), merged, unmapped)
 
 
 async def _refold_features(
     connection: AsyncConnection, ids: frozenset[int] | None, policy: Policy
-) -> list[tuple[Subject, Belief]]:
-    if ids is not None and not ids:
-        return []
+) -> tuple[list[tuple[Subject, Belief]], frozenset[int]]:
     passes = await reads.passes_over_features(connection, ids)
-    # Features that nobody reported on have no state to rebuild.
-    features = await reads.features(connection, passes.keys() if ids is None else ids)
-    summaries = fold_features(features.values(), passes, policy)
+    features = await reads.features(connection, ids if ids is not None else await reads.reported_features(connection))
+    summaries = await asyncio.to_thread(fold_features, features.values(), passes, policy)
     rows = {
         key: {**writes.belief_row(summary, policy.version), "looked": summary.looked, "blocked": summary.blocked}
         for key, summary in summaries.items()
     }
     await writes.upsert_feature_states(connection, rows)
     await writes.delete_passes(connection, (key for summary in summaries.values() for key in summary.expired))
-    # What has left the map is no longer a change of it, whatever cars with older maps go on reporting.
-    return [
+    beliefs = [
         feature_belief(features[key], summaries[key], policy.version)
         for key in sorted(summaries)
         if features[key].in_map
     ]
+    return beliefs, frozenset(key for key in summaries if not features[key].in_map)
 
 
 async def _refold_candidates(
@@ -83,9 +74,9 @@ async def _refold_candidates(
         passes = await reads.passes_near(connection, places, policy.reach_m)
         require_cells(cells_of(((item.map_id, *item.place[:2]) for item in passes if item.place), policy), held)
     known = await reads.candidates_founded_by(connection, (item.id for item in passes))
-    parts = partition(passes, {key: item.id for key, item in known.items()}, policy)
+    parts = await asyncio.to_thread(partition, passes, {key: item.id for key, item in known.items()}, policy)
     watched = await reads.passes_over_watches(connection, parts.watch_ids)
-    folds = fold_candidates(parts, watched, policy)
+    folds = await asyncio.to_thread(fold_candidates, parts, watched, policy)
     ids = await _write_candidates(connection, folds, policy)
     await writes.merge_candidates(connection, parts.merged)
 

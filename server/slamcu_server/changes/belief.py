@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
@@ -72,3 +73,12 @@ class Belief:
     def supporters(self) -> int:
         """Contributors who speak for the change."""
         return self.contributors_for if self.kind is Kind.NEW else self.contributors_against
+
+
+@dataclass(frozen=True, slots=True)
+class Beliefs:
+    """What is believed about everything that was folded again."""
+
+    about: tuple[tuple[Subject, Belief], ...]
+    merged: Mapping[int, int]  # candidates that are part of another one now, each with that one's id
+    unmapped: frozenset[int]  # features that the map no longer has: nothing about them would be a change of it

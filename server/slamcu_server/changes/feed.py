@@ -15,7 +15,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.aggregation import Policy
 from slamcu_server.aggregation.bulk import arrays, unnest
-from slamcu_server.changes.belief import Belief, Kind, State, Subject
+from slamcu_server.changes.belief import Belief, Beliefs, Kind, State, Subject
 from slamcu_server.changes.document import Document, change_document
 from slamcu_server.changes.transitions import Published, Transition, decide, leaves
 
@@ -35,27 +35,23 @@ class Entry:
     document: Document
 
 
-async def publish(
-    connection: AsyncConnection,
-    beliefs: Sequence[tuple[Subject, Belief]],
-    merged: Mapping[int, int],
-    policy: Policy,
-) -> list[Entry]:
+async def publish(connection: AsyncConnection, beliefs: Beliefs, policy: Policy) -> list[Entry]:
     """Write what beliefs make of the changes, and return what is to be appended to the feed.
 
-    Candidates that were merged into others say nothing by themselves any more: what was open about them is withdrawn.
-    The caller holds the cells of what the beliefs are about.
+    Candidates that were merged into others, and features that the map no longer has, say nothing by themselves any
+    more: what was open about them is withdrawn. The caller holds the cells of what the beliefs are about.
     """
+    subjects = [subject for subject, _ in beliefs.about]
     known = await _newest_changes(
         connection,
-        [subject.feature_id for subject, _ in beliefs if subject.feature_id],
-        [*(subject.candidate_id for subject, _ in beliefs if subject.candidate_id), *merged],
+        [*(subject.feature_id for subject in subjects if subject.feature_id), *beliefs.unmapped],
+        [*(subject.candidate_id for subject in subjects if subject.candidate_id), *beliefs.merged],
     )
-    sources = await _map_sources(connection, {subject.map_id for subject, _ in beliefs})
+    sources = await _map_sources(connection, {subject.map_id for subject in subjects})
     opened: list[tuple[Subject, State, Document]] = []
     revised: list[Entry] = []
     left: list[int] = []
-    for subject, belief in beliefs:
+    for subject, belief in beliefs.about:
         published = known.get((subject.feature_id, subject.candidate_id))
         if published is not None and leaves(belief, published):
             left.append(published.id)
@@ -69,7 +65,7 @@ async def publish(
             revised.append(
                 Entry(published.id, subject.map_id, subject.kind, transition.state, published.revision + 1, document)
             )
-    revised += _withdrawals(known, merged)
+    revised += _withdrawals(known, beliefs)
     entries = await _open(connection, opened)
     await revise(connection, revised)
     await connection.execute(
@@ -171,14 +167,18 @@ def _document(
     )
 
 
-def _withdrawals(known: Mapping[tuple[int | None, int | None], Published], merged: Mapping[int, int]) -> list[Entry]:
+def _withdrawals(known: Mapping[tuple[int | None, int | None], Published], beliefs: Beliefs) -> list[Entry]:
+    """Withdraw what is open about things that say nothing by themselves any more."""
+    moot: list[tuple[Kind, tuple[int | None, int | None], Document]] = [
+        *((Kind.DELETED, (key, None), {}) for key in sorted(beliefs.unmapped)),
+        *((Kind.NEW, (None, key), {"merged_into": beliefs.merged[key]}) for key in sorted(beliefs.merged)),
+    ]
     entries: list[Entry] = []
-    for candidate_id in sorted(merged):
-        published = known.get((None, candidate_id))
-        if published is not None and published.state in (State.CANDIDATE, State.CONFIRMED):
-            document = {**published.document, "merged_into": merged[candidate_id]}
-            revision = published.revision + 1
-            entries.append(Entry(published.id, published.map_id, Kind.NEW, State.WITHDRAWN, revision, document))
+    for kind, key, why in moot:
+        change = known.get(key)
+        if change is not None and change.state in (State.CANDIDATE, State.CONFIRMED):
+            document = {**change.document, **why}
+            entries.append(Entry(change.id, change.map_id, kind, State.WITHDRAWN, change.revision + 1, document))
     return entries
 
 

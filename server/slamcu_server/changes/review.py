@@ -85,8 +85,8 @@ async def _decide(
         edit = await _accept(connection, change, decision.version)
         said["map_version"] = edit.version
         document["map_object_id"] = edit.object_id
-        refolded = await refold(connection, Touched(edit.features, edit.places), held, policy)
-        entries += await feed.publish(connection, refolded.beliefs, refolded.merged, policy)
+        beliefs = await refold(connection, Touched(edit.features, edit.places), held, policy)
+        entries += await feed.publish(connection, beliefs, policy)
     state = State.ACCEPTED if decision.decision == "accept" else State.REJECTED
     reviewed = replace(change, state=state, revision=change.revision + 1, document=document)
     entry = feed.Entry(change.id, change.map_id, change.kind, state, reviewed.revision, document)
