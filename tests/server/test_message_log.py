@@ -1,0 +1,139 @@
+"""What any message log promises, whatever it is kept in."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
+
+import pytest
+from slamcu_server.ingest.message_log import LogEntry, MessageLog, Outcome, PostgresMessageLog
+from sqlalchemy import text
+from sqlalchemy.ext.asyncio import AsyncEngine
+
+pytestmark = pytest.mark.anyio
+
+OpenLog = Callable[[], AbstractAsyncContextManager[MessageLog]]
+ACCEPTED, DUPLICATE, CONFLICT = Outcome.ACCEPTED, Outcome.DUPLICATE, Outcome.CONFLICT
+
+
+class StopError(Exception):
+    """Makes a unit of work fail."""
+
+
+@pytest.fixture
+async def accounts(engine: AsyncEngine) -> list[int]:
+    async with engine.begin() as connection:
+        query = text("INSERT INTO accounts (role, label) VALUES ('vehicle', 'a'), ('vehicle', 'b') RETURNING id")
+        return list((await connection.execute(query)).scalars())
+
+
+@pytest.fixture(params=["postgres"])
+def open_log(engine: AsyncEngine) -> OpenLog:
+    """`async with open_log() as log`: one unit of work, which has its effect at its end, or none if it fails."""
+
+    @asynccontextmanager
+    async def open_postgres() -> AsyncIterator[MessageLog]:
+        async with engine.begin() as connection:
+            yield PostgresMessageLog(connection)
+
+    return open_postgres
+
+
+def entry(number: int, body: bytes = b"x", session: str = "s") -> LogEntry:
+    return LogEntry(session, number, body)
+
+
+async def append(open_log: OpenLog, account: int, *entries: LogEntry) -> list[Outcome]:
+    async with open_log() as log:
+        return await log.append(account, entries)
+
+
+async def pending(open_log: OpenLog) -> list[int]:
+    """The message ids that a worker would get; they stay pending."""
+    found: list[int] = []
+    with suppress(StopError):
+        async with open_log() as log:
+            found += [message.message_id for message in await log.claim(1000)]
+            raise StopError
+    return found
+
+
+async def test_each_message_of_an_account_is_taken_once(open_log: OpenLog, accounts: list[int]) -> None:
+    one, other = accounts
+    assert await append(open_log, one, entry(1), entry(2)) == [ACCEPTED, ACCEPTED]
+    assert await append(open_log, one, entry(2), entry(3)) == [DUPLICATE, ACCEPTED]
+    assert await append(open_log, one, entry(3, b"y"), entry(4)) == [CONFLICT, ACCEPTED]
+    assert await append(open_log, one, entry(5), entry(5), entry(5, b"y")) == [ACCEPTED, DUPLICATE, CONFLICT]
+    assert await append(open_log, one, entry(1, session="t")) == [ACCEPTED]
+    assert await append(open_log, other, entry(1, b"y")) == [ACCEPTED]
+    assert await append(open_log, one) == []
+
+
+async def test_it_is_a_set_whatever_the_batches(open_log: OpenLog, accounts: list[int]) -> None:
+    rng = random.Random(7)
+    model: dict[tuple[int, str, int], bytes] = {}
+    for _ in range(40):
+        account = rng.choice(accounts)
+        batch = [
+            LogEntry(rng.choice("st"), rng.randint(1, 12), rng.choice([b"x", b"x", b"y"]))
+            for _ in range(rng.randint(0, 8))
+        ]
+        expected = []
+        for one in batch:
+            key = (account, one.session_id, one.message_id)
+            if key not in model:
+                model[key] = one.body
+                expected.append(ACCEPTED)
+            else:
+                expected.append(DUPLICATE if model[key] == one.body else CONFLICT)
+        assert await append(open_log, account, *batch) == expected
+    async with open_log() as log:
+        claimed = await log.claim(1000)
+    assert {(one.account_id, one.session_id, one.message_id): one.body for one in claimed} == model
+
+
+async def test_a_unit_of_work_that_fails_appends_nothing(open_log: OpenLog, accounts: list[int]) -> None:
+    with suppress(StopError):
+        async with open_log() as log:
+            assert await log.append(accounts[0], [entry(1)]) == [ACCEPTED]
+            raise StopError
+    assert await pending(open_log) == []
+    assert await append(open_log, accounts[0], entry(1)) == [ACCEPTED]
+
+
+async def test_what_is_claimed_is_pending_until_it_is_marked(open_log: OpenLog, accounts: list[int]) -> None:
+    await append(open_log, accounts[0], *(entry(number) for number in (3, 1, 2)))
+    await append(open_log, accounts[0], entry(9), entry(4))
+    assert await pending(open_log) == [1, 2, 3, 4, 9]  # the older batch first
+    assert await pending(open_log) == [1, 2, 3, 4, 9]  # a claim that fails gives back what it took
+    async with open_log() as log:
+        claimed = await log.claim(3)
+        assert [message.message_id for message in claimed] == [1, 2, 3]
+        await log.mark_fused([claimed[0].id])
+        await log.quarantine({claimed[1].id: "cannot be read"})
+    assert await pending(open_log) == [3, 4, 9]
+    # What has been used or put aside is still known.
+    assert await append(open_log, accounts[0], entry(1), entry(2, b"y")) == [DUPLICATE, CONFLICT]
+
+
+async def test_two_workers_never_hold_the_same(open_log: OpenLog, accounts: list[int]) -> None:
+    await append(open_log, accounts[0], *(entry(number) for number in range(1, 11)))
+    async with open_log() as one, open_log() as other:
+        first, second = await one.claim(6), await other.claim(6)
+        assert [message.message_id for message in first] == [1, 2, 3, 4, 5, 6]
+        assert [message.message_id for message in second] == [7, 8, 9, 10]
+
+
+async def test_batches_at_the_same_time_do_not_block_each_other_for_good(
+    open_log: OpenLog, accounts: list[int]
+) -> None:
+    entries = [entry(number) for number in range(1, 101)]
+    batches = [random.Random(seed).sample(entries, 60) for seed in range(6)]
+    outcomes = await asyncio.gather(*(append(open_log, accounts[0], *batch) for batch in batches))
+    taken = [outcome for batch in outcomes for outcome in batch]
+    sent = {one.message_id for batch in batches for one in batch}
+    assert taken.count(ACCEPTED) == len(sent)
+    assert taken.count(CONFLICT) == 0
+    assert await pending(open_log) != []
