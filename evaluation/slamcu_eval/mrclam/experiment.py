@@ -22,12 +22,13 @@ DIVERGED_RMSE_M = 0.5  # robots (evaluation contract)
 ARENA_POLICY = Policy(
     classes={
         LANDMARK_CLASS: ClassPolicy(
+            trust=0.9,  # five robots of one laboratory, no strangers; at the road's 0.7 it takes four to delete
             position_floor_m=0.05,  # m; bias common to one robot's passes: 2 % of 2.5 m
             match_radius_m=0.7,  # m; landmarks stand as near as 0.73 m to each other
         )
     }
 )
-"""The cloud's law on the scale of an arena of 10 m; all else is as on the road."""
+"""The cloud's law for a few known robots in an arena of 10 m; all else, the quorum too, is as on the road."""
 
 
 @dataclass(frozen=True, slots=True)
