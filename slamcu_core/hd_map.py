@@ -84,7 +84,5 @@ class HDMap:
         east = north / max(np.cos(np.deg2rad(lat)), 0.01)
         x0, x1 = (int(np.floor(v / _CELL_DEG)) for v in (lon - east, lon + east))
         y0, y1 = (int(np.floor(v / _CELL_DEG)) for v in (lat - north, lat + north))
-        hits = [
-            index for x in range(x0, x1 + 1) for y in range(y0, y1 + 1) for index in self._cells.get((x, y), ())
-        ]
+        hits = [index for x in range(x0, x1 + 1) for y in range(y0, y1 + 1) for index in self._cells.get((x, y), ())]
         return np.array(sorted(hits), dtype=np.intp)
