@@ -1,13 +1,9 @@
-"""How alembic runs the migrations: on the connection it is handed, else on the database of the settings."""
-
-import asyncio
+"""How alembic runs the migrations: on the connection that slamcu_server.database.migrate hands it."""
 
 from alembic import context
 from geoalchemy2 import alembic_helpers
 from slamcu_server.database.tables import metadata
-from slamcu_server.settings import Settings
-from sqlalchemy import Connection, pool
-from sqlalchemy.ext.asyncio import create_async_engine
+from sqlalchemy import Connection
 
 
 def include_object(obj, name, kind, reflected, compare_to):
@@ -31,19 +27,6 @@ def run(connection: Connection) -> None:
         context.run_migrations()
 
 
-async def run_on_settings() -> None:
-    url = Settings.load().database_url
-    if url is None:
-        raise SystemExit("set SLAMCU_DATABASE_URL, or run slamcu-server migrate")
-    engine = create_async_engine(url, poolclass=pool.NullPool)
-    async with engine.begin() as connection:
-        await connection.run_sync(run)
-    await engine.dispose()
-
-
 if context.is_offline_mode():
     raise SystemExit("migrations run on a database; writing them out as SQL is not supported")
-if (given := context.config.attributes.get("connection")) is not None:
-    run(given)
-else:
-    asyncio.run(run_on_settings())
+run(context.config.attributes["connection"])

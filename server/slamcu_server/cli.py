@@ -118,6 +118,18 @@ def migrate(data_dir: DataDir = None) -> None:
     _say(f"the database is at revision {migrations.head()}")
 
 
+@app.command("new-migration", hidden=True)
+def new_migration(message: str, data_dir: DataDir = None) -> None:
+    """Write a migration to the tables of the code (for developers of the server), to be reviewed by hand."""
+    settings = Settings.load(data_dir=data_dir)
+
+    async def run() -> Path:
+        async with open_database(settings, application_name="slamcu-migrate") as engine:
+            return await migrations.write_revision(engine, message)
+
+    _say(f"wrote {asyncio.run(run())}")
+
+
 @app.command("rebuild")
 def rebuild(
     check: Annotated[bool, typer.Option("--check", help="Only compare, and change nothing.")] = False,

@@ -10,6 +10,8 @@ import httpx
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from slamcu_server.maps import repository
+from slamcu_server.maps.bbox import BoundingBox
 from slamcu_server.maps.importer import import_map
 from slamcu_server.maps.tiles import tile_id, watch_tile_id
 from sqlalchemy import text
@@ -194,10 +196,38 @@ async def test_a_box_selects(client: httpx.AsyncClient, provider: dict[str, str]
 
     assert await within("2.1,48.9,2.2,48.9") == [1, 2, 6]  # the edges belong to it
     assert await within("2.1,48.9,2.1,48.9") == [1]
+    assert await within("2.1,48.9,2.15,48.9") == [1, 6]
     assert await within("2.10000001,48,2.2,49") == [2, 6]
     assert await within("179,-1,-179,1") == [3, 4]  # across the antimeridian
     assert await within("-180,-90,180,90") == [1, 2, 3, 4, 5, 6]
     assert await within("10,10,11,11") == []
+
+
+async def test_neither_a_small_box_nor_a_late_page_reads_the_whole_map(engine: AsyncEngine, put_map: Import) -> None:
+    await put_map("town", "1", [])
+    async with engine.begin() as connection:
+        for statement in (
+            "INSERT INTO features (map_id, object_id) SELECT 1, n FROM generate_series(1, 20000) AS n",
+            """INSERT INTO feature_versions (feature_id, from_sequence, map_id, feature_class, existence_confidence,
+                position_std_m, geom) SELECT id, 1, 1, 'pole', 0.9, 0.1,
+                ST_SetSRID(ST_MakePoint(2 + id % 200 / 100.0, 48 + id / 20000.0), 4326) FROM features""",
+            "ANALYZE features, feature_versions",
+        ):
+            await connection.execute(text(statement))
+
+    async def rows_read(bbox: str | None, after: int) -> int:
+        """How many rows of feature_versions the query touches."""
+        box = BoundingBox.parse(bbox) if bbox else None
+        read = text(
+            "SELECT seq_tup_read + idx_tup_fetch FROM pg_stat_xact_user_tables WHERE relname = 'feature_versions'"
+        )
+        async with engine.connect() as connection:
+            await repository.list_features(connection, 1, 1, bbox=box, after=after, limit=101)
+            return int((await connection.execute(read)).scalar_one())
+
+    assert await rows_read("2.5,48.5,2.52,48.52", 0) < 100
+    assert await rows_read(None, 10_000) < 300
+    assert await rows_read("2,48,4,49", 0) < 300  # all of it, page by page
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
 import subprocess
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from alembic.autogenerate import compare_metadata
@@ -106,3 +108,32 @@ def test_the_command_migrates_an_empty_database(
         done = command("migrate")
         assert done.returncode == 0, done.stderr
         assert migrate.head() in done.stderr
+
+
+def test_a_migration_is_written_for_what_has_changed(
+    command: Callable[..., subprocess.CompletedProcess[str]],
+    tmp_path: Path,
+    database_url: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    copied = tmp_path / "migrations"
+    shutil.copytree(migrate.migrations_dir(), copied)
+    monkeypatch.setattr(migrate, "migrations_dir", lambda: copied)
+
+    async def lose_a_column() -> None:
+        engine = create_engine(database_url)
+        async with engine.begin() as connection:
+            await connection.execute(text("ALTER TABLE candidates DROP COLUMN sign"))
+        await engine.dispose()
+
+    asyncio.run(lose_a_column())
+    done = command("new-migration", "Get the sign back")
+    assert done.returncode == 0, done.stderr
+    (written,) = set(copied.glob("versions/*get_the_sign_back.py"))
+    assert 'add_column("candidates"' in written.read_text().replace("'", '"')
+    head = migrate.head()
+    migrate.head.cache_clear()
+    try:
+        assert migrate.head() == f"{int(head) + 1:04}"
+    finally:
+        migrate.head.cache_clear()

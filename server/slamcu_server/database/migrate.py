@@ -90,6 +90,23 @@ async def downgrade(engine: AsyncEngine, revision: str) -> None:
     await _migrate(engine, lambda configuration: command.downgrade(configuration, revision))
 
 
+async def write_revision(engine: AsyncEngine, message: str) -> Path:
+    """Write the migration from the database's schema, which is the newest, to that of the tables, for review by hand.
+
+    For developers: the file is put among the migrations of this installation.
+    """
+    number = 1 + sum(1 for _ in ScriptDirectory.from_config(config()).walk_revisions())
+
+    def write(connection: Connection) -> Path:
+        script = command.revision(config(connection), message, autogenerate=True, rev_id=f"{number:04}")
+        assert script is not None  # noqa: S101  (one revision is asked for)
+        assert not isinstance(script, list)  # noqa: S101
+        return Path(script.path)
+
+    async with engine.connect() as connection:
+        return await connection.run_sync(write)
+
+
 async def require_head(engine: AsyncEngine) -> None:
     """Raise MigrationError if the database is behind this server; one that is ahead is left to its newer servers."""
     async with engine.connect() as connection:

@@ -50,12 +50,11 @@ class BoundingBox:
 
 def _within(geom: ColumnElement[object], *edges: float) -> ColumnElement[bool]:
     west, south, east, north = (literal(edge, Float(53)) for edge in edges)
-    # && goes through the index but compares in single precision; the coordinates decide.
-    return and_(
-        geom.op("&&")(func.ST_MakeEnvelope(west, south, east, north, 4326)),
-        func.ST_X(geom).between(west, east),
-        func.ST_Y(geom).between(south, north),
-    )
+    envelope = func.ST_MakeEnvelope(west, south, east, north, 4326)
+    if edges[0] < edges[2] and edges[1] < edges[3]:
+        return func.ST_Intersects(geom, envelope)
+    # A line or a point is no valid polygon. && goes through the index, but compares in single precision.
+    return and_(geom.op("&&")(envelope), func.ST_X(geom).between(west, east), func.ST_Y(geom).between(south, north))
 
 
 def _invalid(detail: str) -> Problem:

@@ -14,6 +14,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from slamcu_core.errors import FormatError, SlamcuError
 from slamcu_core.formats import read_hd_map
 from slamcu_core.hd_map import MapFeature, MapIdentity
+from slamcu_server.aggregation.cells import map_key
 
 _OBJECT_ID_MAX = 2**63 - 2  # leaves a next one
 _TEXT_MAX = 200
@@ -139,9 +140,13 @@ async def _lock_map(connection: AsyncConnection, source: str) -> tuple[int, int]
     """Return id and current sequence (0: a new map) of the map `source`, locked against other writers."""
     insert = "INSERT INTO maps (source, current_sequence, next_object_id) VALUES (:source, 0, 1) ON CONFLICT DO NOTHING"
     await connection.execute(text(insert), {"source": source})
-    query = text("SELECT id, current_sequence FROM maps WHERE source = :source FOR UPDATE")
-    row = (await connection.execute(query, {"source": source})).one()
-    return row.id, row.current_sequence
+    map_id = (
+        await connection.execute(text("SELECT id FROM maps WHERE source = :source"), {"source": source})
+    ).scalar_one()
+    # Workers and reviews hold it shared, and before the row: a batch is folded against one version of the map.
+    await connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": map_key(map_id)})
+    query = text("SELECT current_sequence FROM maps WHERE id = :id FOR UPDATE")
+    return map_id, (await connection.execute(query, {"id": map_id})).scalar_one()
 
 
 async def _sequence_of(connection: AsyncConnection, map_id: int, version: str) -> int | None:
