@@ -30,9 +30,7 @@ def register(app: typer.Typer) -> None:
         *,
         vehicles: Annotated[int, typer.Option(min=1, max=200, help="Cars that drive at the same time.")] = 10,
         seed: Annotated[int, typer.Option(min=0, help="Seed of the road, its signs and the drives.")] = 1,
-        length_km: Annotated[
-            float, typer.Option(min=2.0, max=50.0, help="Length of the road.")
-        ] = 20.0,
+        length_km: Annotated[float, typer.Option(min=2.0, max=50.0, help="Length of the road.")] = 20.0,
         out: Annotated[Path, typer.Option(help="Folder for picture, result and figures.")] = Path("demo-output"),
         keep: Annotated[
             bool, typer.Option("--keep", envvar="KEEP", help="Go on serving at the end, until Ctrl-C.")
