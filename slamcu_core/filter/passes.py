@@ -4,15 +4,9 @@ from __future__ import annotations
 
 from datetime import datetime, timedelta
 
-import numpy as np
-from numpy.typing import NDArray
-
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
-from slamcu_core.geometry import LocalFrame
 from slamcu_core.hd_map import HDMap
 from slamcu_core.reports import DetectionStatus, MapReference, MeasuredPosition, PassReport
-
-Array = NDArray[np.float64]
 
 
 def pass_status(kind: int, weight_for: float, weight_against: float, detected: int, missed: int) -> DetectionStatus:
@@ -21,17 +15,9 @@ def pass_status(kind: int, weight_for: float, weight_against: float, detected: i
         if kind == Kind.NEW:
             return DetectionStatus.NOT_EXPECTED_AND_DETECTED
         return DetectionStatus.EXPECTED_AND_DETECTED
-    if missed:
+    if missed or detected:
         return DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE
     return DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_BLOCKED
-
-
-def measured_position(frame: LocalFrame, xy: Array, covariance: Array) -> MeasuredPosition:
-    """Return a place (2,) m with covariance (2, 2) m² in geographic coordinates."""
-    lon, lat = frame.to_geographic(xy)
-    return MeasuredPosition(
-        float(lon), float(lat), (float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1]))
-    )
 
 
 class PassReporter:
@@ -40,14 +26,22 @@ class PassReporter:
     def __init__(self, table: FeatureTable, hd_map: HDMap, start_time: datetime, names: Vocabulary) -> None:
         self._table, self._map, self._start, self._names = table, hd_map, start_time, names
 
-    def report(self, row: int, place: MeasuredPosition | None) -> PassReport:
-        """Return the report of a row's open pass and close it."""
+    def report(self, row: int, place: MeasuredPosition | None) -> PassReport | None:
+        """Return the report of a row's open pass and close it; None if a find of our own was hidden throughout.
+
+        A pass in which the feature was hidden throughout is vacuous: the little that its chance of being seen left as
+        evidence against it is dropped.
+        """
         table = self._table
         table.open[row] = False
         kind = int(table.kind[row])
         f, a = float(table.pass_for[row]), float(table.pass_against[row])
         detected, missed = int(table.detected[row]), int(table.missed[row])
         status = pass_status(kind, f, a, detected, missed)
+        if status is DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_BLOCKED:
+            if kind == Kind.NEW:
+                return None
+            f = a = 0.0
         reference = None
         sign, value = self._names.name(int(table.sign[row])), self._names.name(int(table.value[row]))
         if kind != Kind.NEW:

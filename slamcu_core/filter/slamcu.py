@@ -6,7 +6,6 @@ One step follows the paper's Figure 5: predict (eq. 12), pre-associate (4.3.1), 
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from itertools import compress
 
@@ -15,18 +14,18 @@ from numpy.typing import NDArray
 
 from slamcu_core.drive import DetectionFrame, DriveHeader, GnssFix, ObjectFrame, Occluder, Odometry, Record
 from slamcu_core.errors import SlamcuError
-from slamcu_core.evidence import Masses, conflict, support
 from slamcu_core.filter import existence
+from slamcu_core.filter.beliefs import Beliefs
 from slamcu_core.filter.calibration import GnssBias, SensorCalibration
-from slamcu_core.filter.ekf import birth_covariance
 from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
 from slamcu_core.filter.existence import State
 from slamcu_core.filter.frame_update import FrameUpdate, Seen, View, read_detections
 from slamcu_core.filter.health import HealthMonitor
+from slamcu_core.filter.map_management import Instant, MapManagement
 from slamcu_core.filter.neighbourhood import Neighbourhood
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
-from slamcu_core.filter.passes import PassReporter, measured_position
+from slamcu_core.filter.passes import PassReporter
 from slamcu_core.filter.prediction import Travel, predict
 from slamcu_core.filter.resampling import resample
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
@@ -91,6 +90,17 @@ class SlamcuFilter:
         self._reporter = PassReporter(self._table, hd_map, header.start_time, self._names)
         self._gnss = GnssBias(self.parameters)
         self._calibration = SensorCalibration(self.parameters)
+        self._management = MapManagement(self._table, self._around, self._particles, self.parameters)
+        self._beliefs = Beliefs(
+            hd_map,
+            table=self._table,
+            particles=self._particles,
+            around=self._around,
+            calibration=self._calibration,
+            management=self._management,
+            names=self._names,
+            parameters=self.parameters,
+        )
         self._sensors = {sensor.id: self._install(SensorModel(sensor)) for sensor in header.sensors}
         self._monitor = HealthMonitor()
         self._time = 0.0
@@ -98,9 +108,6 @@ class SlamcuFilter:
         self._yaw_rate = 0.0
         self._travel = Travel()
         self._reckoned = np.zeros((1, 3))  # dead reckoning: drifts, but never jumps
-        self._open: set[int] = set()
-        self._spare: list[int] = []  # rows of dropped finds, to be used again
-        self._votes: dict[int, Counter[tuple[int, int]]] = {}
 
     def _install(self, model: SensorModel) -> _Sensor:
         update = FrameUpdate(model, self._table, self._particles, self._calibration, self.parameters)
@@ -137,7 +144,7 @@ class SlamcuFilter:
     def finish(self) -> list[PassReport]:
         """End the drive: close every open pass and return its report."""
         self._advance(self._time)
-        return self._close(sorted(self._open))
+        return self._close(sorted(self._management.open))
 
     def _odometry(self, record: Odometry) -> None:
         if record.yaw_rate is None:
@@ -187,11 +194,14 @@ class SlamcuFilter:
             weights = self._particles.weights
             occluders = sensor.occluders if record.t - sensor.occluders_at < 0.2 else ()
             view = sensor.update.look(rows, weights, mean_state[:3], occluders)
-            self._manage(sensor, view, seen, share, mean_state[:3])
+            now = Instant(record.t, share, mean_state[:3], self._reckoned[0], self._speed)
+            self._manage(sensor, view, seen, now)
             self._resample()
         else:
             self._particles.settle(self._rng)
-        gone = [row for row in self._open if record.t - self._table.pass_last[row] > self.parameters.pass_gap_s]
+        gone = [
+            row for row in self._management.open if record.t - self._table.pass_last[row] > self.parameters.pass_gap_s
+        ]
         return self._close(sorted(gone))
 
     def _reachable(self, sensor: _Sensor, pose: Array) -> Index:
@@ -210,184 +220,47 @@ class SlamcuFilter:
         fits = np.isin(table.feature_class[rows], list(sensor.classes))
         return np.asarray(rows[near & ahead & fits & table.alive[rows]])
 
-    def _manage(self, sensor: _Sensor, view: View, seen: Seen, share: float, pose: Array) -> None:
-        table, parameters, t = self._table, self.parameters, self._time
-        columns, squares = sensor.update.pre_associate(view, seen)
-        pairs = [(d, int(c)) for d, c in enumerate(columns) if c >= 0]
+    def _manage(self, sensor: _Sensor, view: View, seen: Seen, now: Instant) -> None:
+        """Take one frame through section 4.3 and 5.2-5.3."""
+        table, management, update = self._table, self._management, sensor.update
+        columns, squares = update.pre_associate(view, seen)
+        pairs = [(d, c) for d, c in enumerate(columns.tolist()) if c >= 0]
         for detection, column in pairs:
             # noise by the expected range: by the measured one, short readings would weigh more than long ones
             seen.noise[detection] = sensor.model.noise(view.marginal.mean[column])
-        hit = np.zeros(len(view.rows), dtype=bool)
-        hit[[c for _, c in pairs]] = True
-        self._keep_passes(view, hit)
-        # existence (4.3.2): detected rows get eq. 1, rows that should have shown themselves and did not get eq. 2
-        hit_rows = view.rows[[c for _, c in pairs]]
-        existence.add_detections(
-            table, hit_rows, seen.confidence[[d for d, _ in pairs]], share, parameters.evidence_cap
-        )
-        looked = view.visible * (1.0 - view.hidden)
-        chance = looked * existence.detectability(
-            table, view.rows, sensor.model.sensor.detection_probability, parameters.detection_concentration
-        )
-        missed = ~hit & (view.visible > 0.05)
-        existence.add_misses(table, view.rows[missed], chance[missed], parameters, share)
-        table.looks_missed[view.rows[missed]] += share * looked[missed]
-        table.hits[hit_rows] += 1
-        table.last_hit[hit_rows] = t
-        for detection, column in pairs:
-            self._sight(sensor.model, int(view.rows[column]), seen, detection, pose)
-        # classification (4.3.3) and association with Normal and New only (4.3.4)
-        state = existence.classify(table, hit_rows, self._stands(hit_rows))
-        usable = ((state == State.NORMAL) | (state == State.NEW)) & (table.kind[hit_rows] != Kind.WATCH)
+        chance = management.update_existence(sensor.model, view, seen, pairs, now)
+        # association with Normal and New only (4.3.4), by the classes after this frame's evidence (4.3.3)
+        rows = view.rows[[c for _, c in pairs]]
+        state, mine = management.classify(rows), table.kind[rows] == Kind.NEW
+        usable = ((state == State.NORMAL) | (state == State.NEW)) & (table.kind[rows] != Kind.WATCH)
         mapped = table.kind[view.rows] == Kind.MAP
         self._monitor.observe(
-            [float(squares[d, c]) for (d, c), use in zip(pairs, usable, strict=True) if use],
+            [float(squares[pair]) for pair in compress(pairs, usable)],
             len(columns),
             int((columns < 0).sum()),
             float(chance[mapped].sum()),
-            int((hit & mapped).sum()),
+            int((table.kind[rows] == Kind.MAP).sum()),
         )
-        mine = table.kind[hit_rows] == Kind.NEW
-        sensor.update.weigh(view, seen, list(compress(pairs, usable)), share, self._rng)
-        sensor.update.calibrate(view, seen, list(compress(pairs, usable & ~mine)), share)
-        sensor.update.update_new(view, seen, list(compress(pairs, mine)), share)
-        table.looks_hit[hit_rows] += share
-        self._drop_refuted(view.rows)
+        update.weigh(view, seen, list(compress(pairs, usable)), now.share, self._rng)
+        update.calibrate(view, seen, list(compress(pairs, usable & ~mine)), now.share)
+        update.update_new(view, seen, list(compress(pairs, mine)), now.share)
+        table.looks_hit[rows] += now.share
+        management.forget_refuted(view.rows)
         for alone in np.flatnonzero(columns < 0).tolist():
-            self._give_birth(sensor, seen, alone, share, pose)
-
-    def _keep_passes(self, view: View, hit: NDArray[np.bool_]) -> None:
-        table, t = self._table, self._time
-        looking = hit | (view.visible > 0.5)
-        for row in view.rows[looking & ~table.open[view.rows]].tolist():
-            table.begin_pass(row, t)
-            self._open.add(row)
-        blocked = looking & ~hit & (view.hidden > 0.5)
-        table.pass_last[view.rows[looking]] = t
-        table.detected[view.rows[hit]] += 1
-        table.blocked[view.rows[blocked]] += 1
-        table.missed[view.rows[looking & ~hit & ~blocked]] += 1
-
-    def _sight(self, model: SensorModel, row: int, seen: Seen, detection: int, pose: Array) -> None:
-        """Note where a row was seen, for its report and for whether it stands still."""
-        table, t = self._table, self._time
-        measured, noise = seen.measurement[detection], seen.noise[detection]
-        place = model.invert(pose, measured)
-        covariance = birth_covariance(model.feature_jacobian(pose, place), noise)
-        information = np.linalg.inv(covariance)
-        table.seen_information[row] += information
-        table.seen_vector[row] += information @ place
-        table.view_weight[row] += 1.0 / noise[0]
-        table.view_from[row] += pose[:2] / noise[0]
-        if table.kind[row] == Kind.NEW:
-            weight, since = 1.0 / noise[0], t - table.born[row]
-            # by dead reckoning, for a correction of the pose would look like motion
-            along = float((model.invert(self._reckoned[0], measured) - table.origin[row]) @ table.axis[row])
-            table.track[row] += weight * np.array([1.0, since, since**2, along, since * along])
-            if seen.sign[detection] or seen.value[detection]:
-                votes = self._votes.setdefault(row, Counter())
-                votes[int(seen.sign[detection]), int(seen.value[detection])] += 1
-                table.sign[row], table.value[row] = votes.most_common(1)[0][0]
-
-    def _stands(self, rows: Index) -> NDArray[np.bool_]:
-        proven = existence.stands_still(self._table, rows, self._speed, self.parameters)
-        proven &= existence.shows_itself(self._table, rows)
-        return np.asarray(proven | (self._table.kind[rows] != Kind.NEW) | self._table.reported[rows])
-
-    # --- the car's own finds ---------------------------------------------------------------------------------------
-
-    def _give_birth(self, sensor: _Sensor, seen: Seen, detection: int, share: float, pose: Array) -> None:
-        """Register an unassociated detection as a new feature with vacuous existence (eq. 4), in every particle."""
-        if seen.feature_class[detection] not in sensor.classes:
-            return
-        slot = self._around.free_slot(self._particles)
-        if slot is None:
-            return
-        particles, table, model = self._particles, self._table, sensor.model
-        measured = np.broadcast_to(seen.measurement[detection], (len(particles), 2)).copy()
-        if model.has_bearing:
-            measured[:, 0] /= 1.0 + particles.calibration[:, 0]
-            measured[:, 1] -= particles.calibration[:, 1]
-        place = model.invert(particles.pose, measured)
-        particles.mean[:, slot] = place
-        particles.covariance[:, slot] = birth_covariance(
-            model.feature_jacobian(particles.pose, place), np.broadcast_to(seen.noise[detection] / share, place.shape)
-        )
-        codes = {
-            "feature_class": int(seen.feature_class[detection]),
-            "sign": int(seen.sign[detection]),
-            "value": int(seen.value[detection]),
-        }
-        row = table.add(Kind.NEW, **codes) if not self._spare else table.reuse(self._spare.pop(), Kind.NEW, **codes)
-        table.slot[row] = slot
-        table.nominal[row] = model.sensor.detection_probability
-        table.born[row] = table.last_hit[row] = self._time
-        table.hits[row] = 1
-        table.xy[row] = particles.weights @ place
-        heading = self._reckoned[0, 2]
-        table.axis[row] = np.cos(heading), np.sin(heading)
-        table.origin[row] = self._reckoned[0, :2]
-        table.begin_pass(row, self._time)
-        table.pass_last[row] = self._time
-        table.detected[row] = 1
-        self._open.add(row)
-        self._sight(model, row, seen, detection, pose)
-        self._around.rows = np.append(self._around.rows, row)
-
-    def _drop_refuted(self, rows: Index) -> None:
-        """Forget finds that the evidence speaks against before anybody was told of them."""
-        table = self._table
-        own = rows[(table.kind[rows] == Kind.NEW) & ~table.reported[rows]]
-        for row in own[table.weight_against[own] - table.weight_for[own] > 1.0].tolist():
-            self._drop(row)
-
-    def _drop(self, row: int) -> None:
-        table = self._table
-        table.alive[row] = table.open[row] = False
-        table.slot[row] = -1
-        self._open.discard(row)
-        self._votes.pop(row, None)
-        self._spare.append(row)
-        self._around.rows = self._around.rows[self._around.rows != row]
-
-    # --- what goes out ---------------------------------------------------------------------------------------------
+            if seen.feature_class[alone] in sensor.classes:
+                management.give_birth(sensor.model, seen, alone, now)
 
     def _close(self, rows: list[int]) -> list[PassReport]:
-        """End the passes of rows; finds that never became New are forgotten without a word."""
+        """End the passes of rows and report them."""
         table, reports = self._table, []
-        for row in rows:
-            self._open.discard(row)
-            index = np.array([row], dtype=np.intp)
-            if table.kind[row] == Kind.NEW and not table.reported[row]:
-                if existence.classify(table, index, self._stands(index))[0] != State.NEW:
-                    self._drop(row)
-                    continue
-                table.reported[row] = True
-            place = None
-            if table.detected[row] or table.kind[row] == Kind.NEW:
-                place = measured_position(self._around.frame, *self._place(row))
-            reports.append(self._reporter.report(row, place))
+        for row in self._management.end_passes(rows):
+            seen = table.detected[row] or table.kind[row] == Kind.NEW
+            report = self._reporter.report(row, self._beliefs.position(row) if seen else None)
+            if report is not None:
+                reports.append(report)
         return reports
 
-    def _place(self, row: int) -> tuple[Array, Array]:
-        """Return where a row is by the car's own measurements: mean (2,) and covariance (2, 2), pose included."""
-        table = self._table
-        if table.kind[row] == Kind.NEW:
-            if table.slot[row] >= 0:
-                xy, covariance = self._particles.collapse(int(table.slot[row]))
-            else:
-                xy, covariance = table.xy[row].copy(), table.covariance[row].copy()
-        else:
-            inverse = np.linalg.inv(table.seen_information[row])
-            _, state_covariance = self._particles.mean_state()
-            xy, covariance = inverse @ table.seen_vector[row], inverse + state_covariance[:2, :2]
-        if table.view_weight[row] > 0.0:
-            line = xy - table.view_from[row] / table.view_weight[row]
-            across = np.array([-line[1], line[0]])
-            range_variance = self._calibration.variance[0] + self.parameters.pass_range_std**2
-            covariance = covariance + range_variance * np.outer(line, line)
-            covariance += self._calibration.variance[1] * np.outer(across, across)
-        return xy, covariance
+    # --- what is believed -------------------------------------------------------------------------------------------
 
     @property
     def pose(self) -> PoseEstimate:
@@ -413,33 +286,4 @@ class SlamcuFilter:
 
     def features(self) -> list[FeatureEstimate]:
         """Return what is believed of every feature of the map, also those never near, and of the car's own finds."""
-        rows = [self._around.row_of(index) for index in range(len(self._map))]
-        own = np.flatnonzero((self._table.kind == Kind.NEW) & self._table.alive).tolist()
-        return [self._estimate(row, index) for index, row in enumerate(rows)] + [self._estimate(row, -1) for row in own]
-
-    def _estimate(self, row: int | None, index: int) -> FeatureEstimate:
-        feature = self._map.features[index] if index >= 0 else None
-        table = self._table
-        if row is None:
-            assert feature is not None  # noqa: S101 - only map features are listed without a row
-            prior = 0.0 if feature.watched else float(support(feature.existence_confidence))
-            state = State.NORMAL if prior > np.log(2.0) else State.UNCLASSIFIED
-            f, a, passes = prior, 0.0, 0
-        else:
-            one = np.array([row], dtype=np.intp)
-            state = State(str(existence.classify(table, one, self._stands(one))[0]))
-            f, a = float(table.prior[row] + table.weight_for[row]), float(table.weight_against[row])
-            passes = int(table.passes[row])
-        if feature is not None:
-            variance = feature.position_std_m**2
-            place = (feature.lon, feature.lat, (variance, 0.0, variance))
-            what = (feature.feature_class, feature.sign, feature.value)
-        else:
-            assert row is not None  # noqa: S101 - own finds have a row
-            found = measured_position(self._around.frame, *self._place(row))
-            place = (found.lon, found.lat, found.covariance_m2)
-            codes = int(table.feature_class[row]), int(table.sign[row]), int(table.value[row])
-            what = (self._names.name(codes[0]) or "", self._names.name(codes[1]), self._names.name(codes[2]))
-        return FeatureEstimate(
-            feature, state.value, Masses.from_weights(f, a), float(conflict(f, a)), *place, passes, *what
-        )
+        return self._beliefs.estimates()
