@@ -80,15 +80,17 @@ def test_it_serves_and_stops(live_server: Any, vehicle_headers: dict[str, str]) 
         httpx.get(f"{live_server.url}/livez")
 
 
-def test_it_stops_while_a_client_dawdles(live_server: Any, vehicle_headers: dict[str, str]) -> None:
-    host, port = live_server.url.removeprefix("http://").split(":")
+def test_it_stops_while_a_client_dawdles(server_process: Any, vehicle_headers: dict[str, str]) -> None:
+    server_process.environment["SLAMCU_SHUTDOWN_GRACE_S"] = "1"
+    server_process.start()
+    host, port = server_process.url.removeprefix("http://").split(":")
     with socket.create_connection((host, int(port))) as dawdler:
         head = "\r\n".join(f"{name}: {value}" for name, value in (vehicle_headers | PROTOBUF).items())
         dawdler.sendall(
             f"POST /v1/data-messages HTTP/1.1\r\nHost: x\r\nContent-Length: 999\r\n{head}\r\n\r\nx".encode()
         )
-        httpx.get(f"{live_server.url}/livez")
-        assert live_server.stop() == 0
+        httpx.get(f"{server_process.url}/livez")
+        assert server_process.stop() == 0
 
 
 def test_an_acknowledged_message_survives_kill_9(
