@@ -176,6 +176,13 @@ def test_a_long_path_and_a_strange_one_are_no_obstacle(short_dir: Path) -> None:
         elsewhere = Path(query(cluster, "SHOW unix_socket_directories"))
         assert home not in elsewhere.parents
         assert elsewhere.stat().st_mode & 0o077 == 0
+        killed = postmaster(home)
+        assert killed is not None
+        os.kill(killed, signal.SIGKILL)
+        with EmbeddedCluster(home) as again:
+            assert query(again, "SELECT 1") == 1
+            assert not elsewhere.exists()
+            elsewhere = Path(query(again, "SHOW unix_socket_directories"))
     assert not elsewhere.exists()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import logging
 import os
@@ -12,7 +13,6 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -26,6 +26,8 @@ DATABASE = "slamcu"
 _SUPERUSER = "slamcu"
 _SOCKET_PATH_MAX = 107  # bytes, of sockaddr_un
 _SOCKET_NAME = ".s.PGSQL.5432"
+# Where a socket goes whose path would be too long; mkdtemp makes it private.
+_ELSEWHERE, _PREFIX = Path("/tmp"), "slamcu-"  # noqa: S108
 _START_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 8.0
 _PAUSE_S = 0.1
@@ -93,7 +95,7 @@ class EmbeddedCluster:
                 os.close(self._users)
                 self._users = None
 
-    @contextmanager
+    @contextlib.contextmanager
     def _control(self) -> Iterator[None]:
         """Let one process at a time start or stop the cluster."""
         control = os.open(self._home / "control.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -170,6 +172,7 @@ class EmbeddedCluster:
         if "still in use" in said:  # children of a postmaster that was killed take a moment to notice
             time.sleep(_PAUSE_S)
             return
+        self._remove_socket_dir(socket_dir)
         fatal = [line for line in said.splitlines() if "FATAL" in line]
         raise EmbeddedDatabaseError(
             f"PostgreSQL did not start: {_last_line(fatal[0] if fatal else said)} (see {self._log})"
@@ -205,8 +208,8 @@ class EmbeddedCluster:
             return
         if result.returncode != 0:
             logger.warning("could not stop the cluster in %s: %s", self._home, _last_line(result.stdout))
-        elif socket_dir.parent != self._cluster:
-            shutil.rmtree(socket_dir, ignore_errors=True)
+        else:
+            self._remove_socket_dir(socket_dir)
 
     def _socket_dir(self) -> Path:
         """Read the socket's directory from the running postmaster's pid file."""
@@ -216,15 +219,21 @@ class EmbeddedCluster:
             raise EmbeddedDatabaseError(f"the cluster in {self._home} is not running") from None
 
     def _new_socket_dir(self, user: RunAs) -> Path:
+        with contextlib.suppress(EmbeddedDatabaseError):
+            self._remove_socket_dir(self._socket_dir())  # of a postmaster that was killed
         directory = self._cluster / "run"
         if len(os.fsencode(directory / _SOCKET_NAME)) > _SOCKET_PATH_MAX or "," in str(directory):
-            directory = Path(tempfile.mkdtemp(prefix="slamcu-", dir="/tmp"))  # private, and short
+            directory = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_ELSEWHERE))
         else:
             directory.mkdir(exist_ok=True, mode=0o700)
             (directory / f"{_SOCKET_NAME}.lock").unlink(missing_ok=True)  # it names the process that was killed
         if user.drop:
             os.chown(directory, user.uid, user.gid)
         return directory
+
+    def _remove_socket_dir(self, directory: Path) -> None:
+        if directory.parent == _ELSEWHERE and directory.name.startswith(_PREFIX):
+            shutil.rmtree(directory, ignore_errors=True)
 
     def _disown_dead_pid(self) -> None:
         """Put a process id that nobody has into the pid file, if it names a zombie or a process that is not ours.
