@@ -97,9 +97,7 @@ class FrameUpdate:
         mean_distance = weights @ distance
         extra = ekf.innovation_covariance(jacobian, covariance, self.calibration.measurement_variance(mean_distance))
         by_pose = self.model.pose_jacobian(mean_pose, centre)
-        extra += (
-            by_pose @ (weights @ self.particles.pending.reshape(-1, 9)).reshape(3, 3) @ np.swapaxes(by_pose, -1, -2)
-        )
+        extra += by_pose @ self.particles.pending_covariance() @ np.swapaxes(by_pose, -1, -2)
         marginal = marginalise(self.model, predicted, weights, extra)
         visible = visibility_probability(self.model.sensor, distance, bearing, weights)
         hidden = np.zeros(len(rows))
@@ -143,11 +141,15 @@ class FrameUpdate:
         detections, columns = _split(pairs)
         rows, points = view.rows[columns], view.points[:, columns]
         q = self._innovation_covariance(rows, points, view.distance[:, columns], seen.noise[detections])
-        by_pose = self.model.pose_jacobian(particles.pose[:, None, :], points)
-        if proposal.pays(by_pose, particles.pending, q):
+        by_noise = None
+        if particles.pending is not None:
+            by_pose = self.model.pose_jacobian(particles.pose[:, None, :], points)
+            by_noise = proposal.noise_jacobian(by_pose, particles.pending)
+        if by_noise is not None and proposal.pays(by_noise, q):
             innovation = self.model.innovation(seen.measurement[detections], view.predicted[:, columns])
-            likelihood = proposal.condition(particles, by_pose, innovation, q / share, self.parameters.gate)
-            particles.settle(rng)
+            likelihood = proposal.condition(
+                particles, by_noise, innovation, q / share, gate=self.parameters.gate, rng=rng
+            )
             share = 1.0
         else:
             particles.settle(rng)

@@ -105,7 +105,8 @@ class Neighbourhood:
         particles.state[:, 2] += turn
         swivel = np.eye(3)
         swivel[:2, :2] = rotation
-        particles.pending = swivel @ particles.pending @ swivel.T
+        if particles.pending is not None:
+            particles.pending = swivel @ particles.pending
         particles.mean = move(particles.mean)
         particles.covariance = rotation @ particles.covariance @ rotation.T
         particles.gnss_bias = particles.gnss_bias @ rotation.T

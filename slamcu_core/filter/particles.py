@@ -27,7 +27,7 @@ class Particles:
     covariance: Array  # (M, L, 2, 2) covariances Σ of new features, m²
     gnss_bias: Array  # (M, 2) mean of the satellite receiver's bias, m
     calibration: Array  # (M, 2) mean range scale error and bearing bias (rad)
-    pending: Array  # (M, 3, 3) covariance of the pose's noise that is not sampled yet
+    pending: Array | None = None  # (M, 3, 2): the pose waits for this times a standard normal (2,) to be added
 
     @classmethod
     def sample(
@@ -51,7 +51,6 @@ class Particles:
             covariance=np.zeros((count, slots, 2, 2)),
             gnss_bias=np.zeros((count, 2)),
             calibration=np.zeros((count, 2)),
-            pending=np.zeros((count, 3, 3)),
         )
 
     def __len__(self) -> int:
@@ -84,26 +83,21 @@ class Particles:
         mean = reference + offset
         mean[2] = wrap_angle(float(mean[2]))
         covariance = (centred * weights[:, None]).T @ centred
-        covariance[:3, :3] += (weights @ self.pending.reshape(-1, 9)).reshape(3, 3)
+        covariance[:3, :3] += self.pending_covariance()
         return mean, covariance
+
+    def pending_covariance(self) -> Array:
+        """Return the covariance (3, 3) that waits to be sampled, averaged over the particles."""
+        if self.pending is None:
+            return np.zeros((3, 3))
+        return np.asarray(np.einsum("k,kia,kja->ij", self.weights, self.pending, self.pending))
 
     def settle(self, rng: np.random.Generator) -> None:
         """Sample what is pending of the poses, in place."""
-        pending = self.pending
-        if not pending.any():
-            return
-        draw = rng.standard_normal((len(self), 3))
-        # Cholesky of a matrix of rank two or three, by hand: heading first, which is never the one that is missing
-        root = np.sqrt(np.maximum(pending[:, 2, 2], 1e-18))
-        lead = pending[:, :2, 2] / root[:, None]
-        rest = pending[:, :2, :2] - lead[:, :, None] * lead[:, None, :]
-        first = np.sqrt(np.maximum(rest[:, 0, 0], 1e-18))
-        second = rest[:, 0, 1] / first
-        third = np.sqrt(np.maximum(rest[:, 1, 1] - second**2, 0.0))
-        self.state[:, 2] += root * draw[:, 0]
-        self.state[:, 0] += lead[:, 0] * draw[:, 0] + first * draw[:, 1]
-        self.state[:, 1] += lead[:, 1] * draw[:, 0] + second * draw[:, 1] + third * draw[:, 2]
-        self.pending = np.zeros_like(pending)
+        if self.pending is not None:
+            draw = rng.standard_normal((len(self), 2, 1))
+            self.state[:, :3] += (self.pending @ draw)[..., 0]
+            self.pending = None
 
     def select(self, index: NDArray[np.intp]) -> None:
         """Replace the particles by copies of those at `index` (M,), all of equal weight."""
@@ -112,7 +106,8 @@ class Particles:
         self.covariance = self.covariance[index]
         self.gnss_bias = self.gnss_bias[index]
         self.calibration = self.calibration[index]
-        self.pending = self.pending[index]
+        if self.pending is not None:
+            self.pending = self.pending[index]
         self.log_weight = np.zeros(len(index))
 
     def collapse(self, slot: int) -> tuple[Array, Array]:

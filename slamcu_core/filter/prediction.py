@@ -11,6 +11,7 @@ from slamcu_core.models import MotionNoise, advance
 
 _MAX_TURN = 0.2  # rad; the path within one prediction is an arc, so keep it short
 _MAX_TIME = 0.5  # s
+_NOMINAL = np.array([1.0, 1.0, 0.0])  # speed scale, yaw scale, yaw bias of a vehicle without fault
 
 
 @dataclass(slots=True)
@@ -36,37 +37,27 @@ class Travel:
 def predict(particles: Particles, travel: Travel, noise: MotionNoise, rng: np.random.Generator) -> None:
     """Predict x_t ~ p(x_t | x_{t-1}, u_t) for every particle (eq. 12), in place.
 
-    The vehicle's constants are sampled; the noise of distance and turn stays open as a covariance of each pose
-    (`Particles.pending`), so that the next measurement can say where to sample.
+    The vehicle's constants are sampled; the noise of distance and turn stays open (`Particles.pending`), so that the
+    next measurement can say where to sample.
     """
     if travel.time <= 0.0 or (travel.distance == 0.0 and travel.turn == 0.0):
         return
+    particles.settle(rng)
     state = particles.state
     keep = np.exp(-travel.time / noise.constant_time_s)
-    nominal = np.array([1.0, 1.0, 0.0])
     wander = np.sqrt(1.0 - keep**2) * noise.constants_std * rng.standard_normal((len(particles), 3))
-    state[:, 3:] = nominal + keep * (state[:, 3:] - nominal) + wander
+    state[:, 3:] = _NOMINAL + keep * (state[:, 3:] - _NOMINAL) + wander
     distance = travel.distance * state[:, 3]
     turn = travel.turn * state[:, 4] + state[:, 5] * travel.time
     moved = advance(particles.pose, distance, turn)
-    step = moved[:, :2] - state[:, :2]
     middle = state[:, 2] + 0.5 * turn
-    by_heading = np.stack([-step[:, 1], step[:, 0], np.ones(len(particles))], axis=-1)
-    by_distance = np.stack([np.cos(middle), np.sin(middle), np.zeros(len(particles))], axis=-1)
-    by_turn = by_heading * np.array([0.5, 0.5, 1.0])
-    # F P Fᵀ with F = I but for the last column, which is `by_heading`
-    pending = particles.pending
-    shift = by_heading[:, :2]
-    cross = pending[:, :2, 2]
-    heading = pending[:, 2, 2, None, None]
-    pending[:, :2, :2] += (
-        shift[:, :, None] * cross[:, None, :]
-        + cross[:, :, None] * shift[:, None, :]
-        + heading * shift[:, :, None] * shift[:, None, :]
-    )
-    pending[:, :2, 2] += shift * pending[:, 2, 2, None]
-    pending[:, 2, :2] = pending[:, :2, 2]
-    pending += noise.distance_std**2 * abs(travel.distance) * by_distance[:, :, None] * by_distance[:, None, :]
-    turn_variance = noise.turn_std**2 * abs(travel.turn) + noise.drift_std**2 * travel.time
-    pending += turn_variance * by_turn[:, :, None] * by_turn[:, None, :]
+    distance_std = noise.distance_std * np.sqrt(abs(travel.distance))
+    turn_std = np.sqrt(noise.turn_std**2 * abs(travel.turn) + noise.drift_std**2 * travel.time)
+    factor = np.zeros((len(particles), 3, 2))
+    factor[:, 0, 0], factor[:, 1, 0] = distance_std * np.cos(middle), distance_std * np.sin(middle)
+    # a wrong turn swings the chord about its start by half of itself
+    factor[:, 0, 1] = -0.5 * turn_std * (moved[:, 1] - state[:, 1])
+    factor[:, 1, 1] = 0.5 * turn_std * (moved[:, 0] - state[:, 0])
+    factor[:, 2, 1] = turn_std
+    particles.pending = factor
     state[:, :3] = moved

@@ -217,8 +217,8 @@ class SlamcuFilter:
         distance, bearing = sensor.model.polar(pose, xy)
         near = distance < spec.max_range_m + 10.0
         ahead = (np.abs(bearing) < np.deg2rad(spec.fov_deg) / 2.0 + 0.2) | (distance < 5.0)
-        fits = np.isin(table.feature_class[rows], list(sensor.classes))
-        return np.asarray(rows[near & ahead & fits & table.alive[rows]])
+        rows = rows[near & ahead & table.alive[rows]]
+        return np.asarray(rows[np.isin(table.feature_class[rows], list(sensor.classes))] if len(rows) else rows)
 
     def _manage(self, sensor: _Sensor, view: View, seen: Seen, now: Instant) -> None:
         """Take one frame through section 4.3 and 5.2-5.3."""
