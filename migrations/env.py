@@ -2,8 +2,9 @@
 
 from alembic import context
 from geoalchemy2 import alembic_helpers
-from slamcu_server.database.tables import metadata
 from sqlalchemy import Connection
+
+from slamcu_server.database.tables import metadata
 
 
 def include_object(obj, name, kind, reflected, compare_to):

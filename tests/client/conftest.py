@@ -15,8 +15,8 @@ from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 import pytest
-from slamcu_client import Server
 
+from slamcu_client import Server
 from slamcu_core.drive import Detection, DetectionFrame, DriveHeader, InitialPose, Odometry, Record, Sensor
 from slamcu_core.geometry import LocalFrame
 from slamcu_core.hd_map import HDMap, MapFeature, MapIdentity

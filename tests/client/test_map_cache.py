@@ -5,6 +5,7 @@ import socket
 from pathlib import Path
 
 import pytest
+
 from slamcu_client import (
     AnswerError,
     AuthenticationError,
@@ -12,7 +13,6 @@ from slamcu_client import (
     MapUnavailableError,
     Server,
 )
-
 from slamcu_core.hd_map import MapIdentity
 
 PAGE = 3

@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from slamcu_client import Outbox, OutboxError, SessionClosedError
 from slamcu_client.outbox import MessageKey
 

@@ -5,10 +5,10 @@ import inspect
 from pathlib import Path
 
 import pytest
+
 import slamcu_client
 from slamcu_client import Outbox, Request, Response, Server, Uploader
 from slamcu_client.errors import ClientError
-
 from slamcu_core.errors import SlamcuError
 from slamcu_core.reports import ReportMessage
 from slamcu_core.sensoris import serialize_message

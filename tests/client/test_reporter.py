@@ -5,9 +5,9 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+
 from slamcu_client import Outbox, OutboxError, ReportPolicy
 from slamcu_client.reporter import Reporter
-
 from slamcu_core.reports import (
     DetectionStatus,
     Health,

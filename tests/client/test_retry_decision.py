@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from slamcu_client import RetryPolicy
 from slamcu_client.errors import Fault
 from slamcu_client.retry import Failure, RetryDecision, retry_decision

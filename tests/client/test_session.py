@@ -8,11 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import slamcu_client.session
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from slamcu_client import Outbox, ReportPolicy, SessionClosedError, SessionError, VehicleSession
 
+import slamcu_client.session
+from slamcu_client import Outbox, ReportPolicy, SessionClosedError, SessionError, VehicleSession
 from slamcu_core.drive import Detection, DetectionFrame, GnssFix, ObjectFrame, Occluder, Odometry, Sensor, SensorKind
 from slamcu_core.filter import FilterParameters
 from slamcu_core.reports import DetectionStatus, PassReport, ReportMessage

@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable, Iterator
 
 import pytest
+
 from slamcu_client import HttpxTransport, Request, TransportError
 from slamcu_client.errors import Fault
 

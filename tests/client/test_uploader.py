@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+
 from slamcu_client import (
     AnswerError,
     AuthenticationError,
@@ -20,7 +21,6 @@ from slamcu_client import (
     Uploader,
     UploadPolicy,
 )
-
 from slamcu_core.reports import ReportMessage
 from slamcu_core.sensoris import serialize_message
 

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
 from slamcu_client import Outbox
 from slamcu_client.cli import main
-
 from slamcu_core.formats import read_results, write_drive_log, write_hd_map
 from slamcu_core.sensoris import decode_message
 

@@ -8,13 +8,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import pytest
+from sqlalchemy import text
+
+from slamcu_core.aggregation import Policy
 from slamcu_eval.fleet import Cloud
 from slamcu_server.aggregation.rebuild import differences
 from slamcu_server.database.embedded import EmbeddedCluster
 from slamcu_server.database.engine import create_engine
-from sqlalchemy import text
-
-from slamcu_core.aggregation import Policy
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from slamcu_client import Outbox, ReportPolicy, RetryPolicy, Server, Uploader, UploadPolicy, VehicleSession
 from slamcu_eval.demo.drive import prepare_fleet, road_of, run_fleet
 from slamcu_eval.demo.review import accept_best

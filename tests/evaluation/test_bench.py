@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+
 from slamcu_eval.bench.rounds import interleave
 from slamcu_eval.cli import run
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from slamcu_eval.cli import run
 from slamcu_eval.highway import HighwayParameters, simulate
 from slamcu_eval.oracle import place_by_least_squares

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from slamcu_eval.score import Claim, Fact, confusion, figures, inside_ellipse, score
-from slamcu_eval.statistics import cluster_interval, summarize
 
 from slamcu_core.errors import SlamcuError
+from slamcu_eval.score import Claim, Fact, confusion, figures, inside_ellipse, score
+from slamcu_eval.statistics import cluster_interval, summarize
 
 NORMAL = Fact("normal", (0.0, 0.0), object_id=1)
 DELETED = Fact("deleted", (50.0, 0.0), object_id=2)

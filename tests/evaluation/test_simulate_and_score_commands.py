@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from slamcu_eval.cli import run
-from slamcu_eval.highway import simulate
-from slamcu_eval.highway.files import truth_features
 
 from slamcu_core.formats.drive_log import read_drive_log
 from slamcu_core.formats.hd_map import load_hd_map
 from slamcu_core.formats.results import ChangeState, ResultFeature, read_truth, write_results
+from slamcu_eval.cli import run
+from slamcu_eval.highway import simulate
+from slamcu_eval.highway.files import truth_features
 
 COUNTS = {"normal": 6, "deleted": 2, "new": 4, "moved": 2, "modified": 2}
 OPTIONS = ["--length-km", "2.5", *(part for kind, n in COUNTS.items() for part in (f"--{kind}", str(n)))]

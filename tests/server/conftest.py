@@ -21,6 +21,11 @@ import asyncpg
 import httpx
 import pytest
 from fastapi import FastAPI
+from sqlalchemy.ext.asyncio import AsyncEngine
+
+from slamcu_core.formats import write_hd_map
+from slamcu_core.hd_map import MapFeature, MapIdentity
+from slamcu_core.reports import DetectionStatus, MapReference, PassReport, ReportMessage
 from slamcu_server import cli
 from slamcu_server.accounts.schemas import IssuedKey, Role
 from slamcu_server.accounts.service import create_account
@@ -30,11 +35,6 @@ from slamcu_server.database.embedded import EmbeddedCluster
 from slamcu_server.database.engine import create_engine
 from slamcu_server.maps.importer import import_map
 from slamcu_server.settings import Settings
-from sqlalchemy.ext.asyncio import AsyncEngine
-
-from slamcu_core.formats import write_hd_map
-from slamcu_core.hd_map import MapFeature, MapIdentity
-from slamcu_core.reports import DetectionStatus, MapReference, PassReport, ReportMessage
 
 _TEMPLATE = "slamcu_template"
 _COMMAND = (sys.executable, "-m", "slamcu_server.cli")

@@ -14,6 +14,7 @@ from typing import Any
 
 import asyncpg
 import pytest
+
 from slamcu_server.database.embedded import EmbeddedCluster
 from slamcu_server.database.postgres_tools import EmbeddedDatabaseError, PostgresTools, RunAs
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import httpx
 import pytest
-from slamcu_server.database import migrate
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncEngine
+
+from slamcu_server.database import migrate
 
 pytestmark = pytest.mark.anyio
 

@@ -14,9 +14,6 @@ from typing import Any
 import httpx
 import pytest
 from fastapi import FastAPI
-from slamcu_server.accounts.schemas import IssuedKey
-from slamcu_server.ingest.schemas import EXAMPLE_BATCH
-from slamcu_server.maps.importer import import_map
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncEngine
 
@@ -24,6 +21,9 @@ from slamcu_core.formats import write_hd_map
 from slamcu_core.hd_map import MapIdentity
 from slamcu_core.reports import MapReference, ReportMessage
 from slamcu_core.sensoris import encode_batch, join_batch, serialize_message, to_json
+from slamcu_server.accounts.schemas import IssuedKey
+from slamcu_server.ingest.schemas import EXAMPLE_BATCH
+from slamcu_server.maps.importer import import_map
 
 pytestmark = [pytest.mark.anyio, pytest.mark.usefixtures("town")]
 

@@ -8,11 +8,12 @@ from datetime import timedelta
 import httpx
 import pytest
 from fastapi import APIRouter, FastAPI
+from sqlalchemy import text
+from sqlalchemy.ext.asyncio import AsyncEngine
+
 from slamcu_server.accounts import service
 from slamcu_server.accounts.authentication import Admin, MapReader, Provider, Reporter
 from slamcu_server.accounts.schemas import IssuedKey
-from sqlalchemy import text
-from sqlalchemy.ext.asyncio import AsyncEngine
 
 pytestmark = pytest.mark.anyio
 

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from slamcu_server.maps.importer import ImportedMap, MapImportError, import_map
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncEngine
 
 from slamcu_core.errors import FormatError
 from slamcu_core.formats import write_hd_map
 from slamcu_core.hd_map import MapFeature, MapIdentity
+from slamcu_server.maps.importer import ImportedMap, MapImportError, import_map
 
 pytestmark = pytest.mark.anyio
 

@@ -10,15 +10,15 @@ import httpx
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from slamcu_server.maps import repository
-from slamcu_server.maps.bbox import BoundingBox
-from slamcu_server.maps.importer import import_map
-from slamcu_server.maps.tiles import tile_id, watch_tile_id
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncEngine
 
 from slamcu_core.formats import load_hd_map, write_hd_map
 from slamcu_core.hd_map import MapFeature, MapIdentity
+from slamcu_server.maps import repository
+from slamcu_server.maps.bbox import BoundingBox
+from slamcu_server.maps.importer import import_map
+from slamcu_server.maps.tiles import tile_id, watch_tile_id
 
 pytestmark = pytest.mark.anyio
 

@@ -8,9 +8,10 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
 
 import pytest
-from slamcu_server.ingest.message_log import LogEntry, MessageLog, Outcome, PostgresMessageLog
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncEngine
+
+from slamcu_server.ingest.message_log import LogEntry, MessageLog, Outcome, PostgresMessageLog
 
 pytestmark = pytest.mark.anyio
 

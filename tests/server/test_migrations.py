@@ -12,13 +12,13 @@ import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from geoalchemy2 import alembic_helpers
-from slamcu_server.database import migrate
-from slamcu_server.database.engine import create_engine
-from slamcu_server.database.tables import metadata
 from sqlalchemy import CheckConstraint, Connection, inspect, text
 from sqlalchemy.ext.asyncio import AsyncEngine
 
 from slamcu_core.errors import SlamcuError
+from slamcu_server.database import migrate
+from slamcu_server.database.engine import create_engine
+from slamcu_server.database.tables import metadata
 
 pytestmark = pytest.mark.anyio
 

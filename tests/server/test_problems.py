@@ -11,11 +11,12 @@ from urllib.parse import quote
 import httpx
 import pytest
 from fastapi import FastAPI
+from sqlalchemy import text
+from sqlalchemy.ext.asyncio import AsyncEngine
+
 from slamcu_server.app import create_app
 from slamcu_server.database.engine import create_engine
 from slamcu_server.settings import Settings
-from sqlalchemy import text
-from sqlalchemy.ext.asyncio import AsyncEngine
 
 pytestmark = pytest.mark.anyio
 

@@ -15,10 +15,6 @@ from typing import Any
 
 import httpx
 import pytest
-from slamcu_server.accounts.schemas import IssuedKey, Role
-from slamcu_server.accounts.service import create_account
-from slamcu_server.database.engine import create_engine
-from slamcu_server.maps.importer import import_map
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncEngine
 
@@ -26,6 +22,10 @@ from slamcu_core.formats import write_hd_map
 from slamcu_core.hd_map import MapFeature, MapIdentity
 from slamcu_core.reports import ReportMessage
 from slamcu_core.sensoris import encode_batch, serialize_message
+from slamcu_server.accounts.schemas import IssuedKey, Role
+from slamcu_server.accounts.service import create_account
+from slamcu_server.database.engine import create_engine
+from slamcu_server.maps.importer import import_map
 
 T = Callable[[AsyncEngine], Awaitable[Any]]
 MakeReport = Callable[..., ReportMessage]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from slamcu_server.settings import Settings, SettingsError, default_data_dir
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "server.md"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 
 import pytest
+
 from slamcu_server import runtime
 from slamcu_server.runtime import WorkerSupervisor
 

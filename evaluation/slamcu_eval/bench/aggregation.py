@@ -6,14 +6,13 @@ import asyncio
 from time import perf_counter
 from typing import Any
 
-from slamcu_server.aggregation.worker import BATCH_SIZE, fuse_pending
-from slamcu_server.database.engine import create_engine
-
 from slamcu_core.aggregation import Policy
 from slamcu_core.errors import SlamcuError
 from slamcu_eval.bench.rounds import Rates
 from slamcu_eval.bench.server import BenchServer
 from slamcu_eval.bench.traffic import PASSES
+from slamcu_server.aggregation.worker import BATCH_SIZE, fuse_pending
+from slamcu_server.database.engine import create_engine
 
 
 def bench_aggregation(server: BenchServer, batches: int) -> dict[str, Any]:

@@ -13,13 +13,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from slamcu_server.database import migrate
-from slamcu_server.database.embedded import EmbeddedCluster
-from slamcu_server.database.engine import create_engine
-
 from slamcu_core.errors import SlamcuError
 from slamcu_core.formats import write_hd_map
 from slamcu_eval.bench.traffic import MAP, road
+from slamcu_server.database import migrate
+from slamcu_server.database.embedded import EmbeddedCluster
+from slamcu_server.database.engine import create_engine
 
 _START_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 20.0

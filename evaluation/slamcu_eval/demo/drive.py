@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from slamcu_client.results import result_features
 
+from slamcu_client.results import result_features
 from slamcu_core.formats import ResultFeature
 from slamcu_eval.commands.score import claims_from
 from slamcu_eval.fleet import (

@@ -16,11 +16,10 @@ from typing import Any, Self
 from urllib.parse import quote
 
 from slamcu_client import Response, Server
-from slamcu_server.database.embedded import EmbeddedCluster
-
 from slamcu_core.aggregation import Policy
 from slamcu_core.errors import SlamcuError
 from slamcu_eval.fleet.program import Program, ProgramError, run_server_command
+from slamcu_server.database.embedded import EmbeddedCluster
 
 _START_TIMEOUT_S = 60.0
 _POLL_S = 0.1

@@ -10,9 +10,9 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
 from slamcu_client import Outbox, Server, Uploader, UploadResult, VehicleSession
 from slamcu_client.map_cache import MapCache
-
 from slamcu_core.drive import DetectionFrame, DriveHeader, Record
 from slamcu_core.errors import SlamcuError
 from slamcu_core.filter import FeatureEstimate, FilterParameters

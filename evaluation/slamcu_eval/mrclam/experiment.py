@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from slamcu_client.results import result_features
 
+from slamcu_client.results import result_features
 from slamcu_core.aggregation import ClassPolicy, Policy
 from slamcu_core.formats import ResultFeature, write_hd_map
 from slamcu_eval.commands.score import claims_from

@@ -9,7 +9,6 @@ import numpy as np
 
 from slamcu_core.filter import FilterParameters
 from slamcu_core.hd_map import HDMap
-from slamcu_core.models import MotionNoise
 from slamcu_eval.fleet import Account, OpenDrive, VehicleJob
 from slamcu_eval.mrclam.edits import TrueFeature, edit_map
 from slamcu_eval.mrclam.files import ROBOTS, read_landmarks, session_folder
@@ -93,5 +92,5 @@ def job_of(setting: Setting, edit: Edit, robot: int, hd_map: HDMap, account: Acc
     """Return what one robot is to do with one wrong map."""
     drive = RobotDrive(setting, edit.session, robot, edit.number)
     entropy = np.random.SeedSequence([setting.seed, edit.session, edit.number, robot])
-    parameters = FilterParameters(particles=setting.particles, motion=MotionNoise.robot())
+    parameters = FilterParameters.robot(particles=setting.particles)
     return VehicleJob(drive, int(entropy.generate_state(1)[0]), hd_map, account, parameters)

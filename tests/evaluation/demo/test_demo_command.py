@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import IO
 
 import pytest
-from slamcu_client import Server, TransportError
-from slamcu_eval.cli import run
 
+from slamcu_client import Server, TransportError
 from slamcu_core.formats import read_results, read_truth
+from slamcu_eval.cli import run
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from slamcu_eval.picture import CloseUp, Mark, Outcome, draw_road, stack
 
 KINDS = ("normal", "new", "deleted", "moved", "modified")

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from slamcu_eval.fleet import Cloud, CloudError, ProgramError
 
 from slamcu_core.formats import write_hd_map
 from slamcu_core.hd_map import MapFeature, MapIdentity
+from slamcu_eval.fleet import Cloud, CloudError, ProgramError
 
 FEATURES = [MapFeature(object_id=n, lon=2.0 + 0.001 * n, lat=48.9, sign="SPEED_LIMIT", value="80") for n in (1, 2, 3)]
 

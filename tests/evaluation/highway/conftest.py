@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from slamcu_eval.highway import Drive, World, simulate
 
 DRIVES = 14

@@ -9,12 +9,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from slamcu_eval.highway import Drive, HighwayParameters, World, make_drive, make_world, simulate
 
 from slamcu_core.drive import DetectionFrame, GnssFix, ObjectFrame, Odometry
 from slamcu_core.errors import SlamcuError
 from slamcu_core.geometry import LocalFrame, compass_to_math
 from slamcu_core.models import advance
+from slamcu_eval.highway import Drive, HighwayParameters, World, make_drive, make_world, simulate
 
 Drives = list[tuple[World, Drive]]
 SHORT = {"length_m": 2_500.0, "normal": 8, "deleted": 3, "new": 5}

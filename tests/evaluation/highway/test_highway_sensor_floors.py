@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from slamcu_eval.highway import Drive, HighwayParameters, World, make_drive, make_world, simulate
-from slamcu_eval.highway.camera import FALSE_ALARM, GHOST, PAINTED_SIGN
-from slamcu_eval.oracle import oracle_errors, single_sighting_errors, single_sightings
 
 from slamcu_core.drive import DetectionFrame
 from slamcu_core.geometry import wrap_angle
+from slamcu_eval.highway import Drive, HighwayParameters, World, make_drive, make_world, simulate
+from slamcu_eval.highway.camera import FALSE_ALARM, GHOST, PAINTED_SIGN
+from slamcu_eval.oracle import oracle_errors, single_sighting_errors, single_sightings
 
 Drives = list[tuple[World, Drive]]
 

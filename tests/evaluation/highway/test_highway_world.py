@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from slamcu_core.formats.results import ChangeState
+from slamcu_core.geometry import wrap_angle
 from slamcu_eval.highway import Drive, HighwayParameters, World, make_world
 from slamcu_eval.highway.parameters import WorldParameters
 from slamcu_eval.highway.road import make_road
 from slamcu_eval.highway.traffic import Neighbour
-
-from slamcu_core.formats.results import ChangeState
-from slamcu_core.geometry import wrap_angle
 
 Drives = list[tuple[World, Drive]]
 KINDS = ("normal", "deleted", "new", "moved", "modified")

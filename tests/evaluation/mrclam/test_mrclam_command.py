@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+
 from slamcu_eval.cli import run
 
 KINDS = {"normal", "deleted", "new"}

@@ -4,6 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from slamcu_core.errors import FormatError
 from slamcu_eval.mrclam.files import (
     MissingRecordingError,
     read_barcodes,
@@ -13,8 +15,6 @@ from slamcu_eval.mrclam.files import (
     read_sightings,
     session_folder,
 )
-
-from slamcu_core.errors import FormatError
 
 
 def test_a_recording_is_read_past_its_comments(recording: Path) -> None:

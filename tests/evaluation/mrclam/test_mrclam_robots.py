@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from slamcu_eval.fleet import VehicleError, drive_fleet
-from slamcu_eval.mrclam.robots import Setting, edits_of, job_of, robots_of
 
 from slamcu_core.errors import FormatError
+from slamcu_eval.fleet import VehicleError, drive_fleet
+from slamcu_eval.mrclam.robots import Setting, edits_of, job_of, robots_of
 
 
 def _jobs(setting: Setting) -> list:

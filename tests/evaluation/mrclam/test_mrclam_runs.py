@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from slamcu_eval.mrclam import ARENA, RunParameters, edit_map, load_run
-from slamcu_eval.mrclam.files import Landmark, read_landmarks, read_odometry, read_sightings, session_folder
-from slamcu_eval.mrclam.runs import with_silent_frames
 
 from slamcu_core.drive import DetectionFrame, Odometry
 from slamcu_core.geometry import compass_to_math
+from slamcu_eval.mrclam import ARENA, RunParameters, edit_map, load_run
+from slamcu_eval.mrclam.files import Landmark, read_landmarks, read_odometry, read_sightings, session_folder
+from slamcu_eval.mrclam.runs import with_silent_frames
 
 PARAMETERS = RunParameters()
 

@@ -8,8 +8,6 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import pytest
-from slamcu_server.aggregation.worker import BATCH_SIZE, drain
-from slamcu_server.ingest.message_log import LogEntry, PostgresMessageLog
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncEngine
 
@@ -18,6 +16,8 @@ from slamcu_core.geometry import LocalFrame
 from slamcu_core.hd_map import MapIdentity
 from slamcu_core.reports import DetectionStatus, Health, MapReference, MeasuredPosition, PassReport, ReportMessage
 from slamcu_core.sensoris import serialize_message
+from slamcu_server.aggregation.worker import BATCH_SIZE, drain
+from slamcu_server.ingest.message_log import LogEntry, PostgresMessageLog
 
 FULL = 3.0  # weight of a pass that leaves no doubt (λ = 0.95)
 FRAME = LocalFrame(2.1, 48.9)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from slamcu_server.aggregation.cells import Cell, cell_at, cells_within, lock_keys, map_key
-from slamcu_server.aggregation.locks import BeyondLockedCells, require_cells
 
 from slamcu_core.geometry import LocalFrame
+from slamcu_server.aggregation.cells import Cell, cell_at, cells_within, lock_keys, map_key
+from slamcu_server.aggregation.locks import BeyondLockedCells, require_cells
 
 longitudes = st.floats(-180.0, 180.0)
 latitudes = st.floats(-90.0, 90.0)

@@ -11,6 +11,7 @@ from datetime import timedelta
 from typing import Any
 
 import pytest
+
 from slamcu_server.aggregation import rebuild
 from slamcu_server.aggregation.worker import forget_bodies, run_worker
 from slamcu_server.metrics.instruments import Instruments

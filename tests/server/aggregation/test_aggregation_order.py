@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
-from slamcu_server.aggregation import rebuild
-from slamcu_server.aggregation.worker import drain
 from sqlalchemy import text
 
 from slamcu_core.reports import PassReport
+from slamcu_server.aggregation import rebuild
+from slamcu_server.aggregation.worker import drain
 
 pytestmark = pytest.mark.anyio
 

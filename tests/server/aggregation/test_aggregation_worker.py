@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+
 from slamcu_server.aggregation import rebuild
 
 pytestmark = pytest.mark.anyio

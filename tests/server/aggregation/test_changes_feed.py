@@ -7,6 +7,7 @@ from typing import Any
 
 import httpx
 import pytest
+
 from slamcu_server.aggregation.worker import drain
 from slamcu_server.changes import feed
 from slamcu_server.changes.belief import Kind, State

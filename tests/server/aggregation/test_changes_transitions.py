@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from slamcu_server.changes.belief import Belief, Kind, State
 from slamcu_server.changes.document import change_document, ellipse95
 from slamcu_server.changes.transitions import Published, Transition, decide, leaves

@@ -10,6 +10,7 @@ from typing import Any
 
 import httpx
 import pytest
+
 from slamcu_server.aggregation import rebuild
 from slamcu_server.maps.importer import import_map
 
