@@ -44,6 +44,11 @@ def _finite(value: Any) -> Any:
     return value
 
 
+def share(value: float) -> str:
+    """Return a share in percent; none if it is a share of nothing."""
+    return f"{value:.1%}" if math.isfinite(value) else "none"
+
+
 def confusion_table(confusion: dict[str, dict[str, int]]) -> Table:
     """Return a confusion as a table: truth in rows, what was said in columns."""
     table = Table(title="Truth (rows) against what was said (columns)")

@@ -17,10 +17,14 @@ from numpy.typing import NDArray
 
 from slamcu_core.drive import DetectionFrame
 from slamcu_core.filter import FeatureEstimate, FilterParameters, SlamcuFilter
+from slamcu_core.reports import PassReport
 from slamcu_eval.highway import Drive, HighwayParameters, World, make_drive, make_world
+from slamcu_eval.machine import machine
 from slamcu_eval.oracle import oracle_errors, single_sighting_errors
+from slamcu_eval.records import FeatureRecord, feature_records
 from slamcu_eval.score import HIGHWAY_RADIUS_M, Claim, Fact, Score, figures, score
 from slamcu_eval.statistics import cluster_interval, summarize
+from slamcu_eval.trust import Trust, judge, lost_at, trust_figures
 
 DIVERGED_RMSE_M = 3.0  # motorway (evaluation contract)
 _POSE_EVERY = 15  # frames between two looks at the pose
@@ -46,16 +50,22 @@ class Outcome:
     oracle_errors_all_m: tuple[float, ...]  # of every new sign that was detected at all
     single_sighting_m: tuple[float, ...]
     step_ms: NDArray[np.float64]
+    trust: Trust
+    records: tuple[FeatureRecord, ...]
 
     @property
     def rmse_m(self) -> float:
         """Root mean square of the horizontal pose error over the drive."""
-        return float(np.sqrt(np.mean(np.square(self.pose_errors_m))))
+        return _rmse(self.pose_errors_m)
 
     @property
     def diverged(self) -> bool:
         """Whether the filter lost its way on this drive."""
         return not self.rmse_m <= DIVERGED_RMSE_M
+
+
+def _rmse(errors: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(errors))))
 
 
 def world_seed(seed: int, drive: int) -> int:
@@ -93,39 +103,71 @@ def claims_of(world: World, features: Sequence[FeatureEstimate]) -> list[Claim]:
     ]
 
 
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A simulated drive, ready for a filter."""
+
+    number: int
+    seed: int  # of its world
+    world: World
+    drive: Drive
+
+    @classmethod
+    def simulate(cls, seed: int, number: int, parameters: HighwayParameters | None = None) -> Run:
+        """Simulate drive `number` of an experiment in a world of its own."""
+        own = world_seed(seed, number)
+        world = make_world(own, (parameters or HighwayParameters()).world)
+        return cls(number, own, world, make_drive(world, own, 0, parameters))
+
+
 def run_drive(seed: int, drive: int, particles: int, parameters: HighwayParameters | None = None) -> Outcome:
     """Simulate one drive in a world of its own and run the filter over it."""
-    own = world_seed(seed, drive)
-    world = make_world(own, (parameters or HighwayParameters()).world)
-    log = make_drive(world, own, 0, parameters)
-    rng = np.random.default_rng(np.random.SeedSequence([own, 2, 0]))
-    car = SlamcuFilter(world.hd_map, log.header, FilterParameters(particles=particles), rng=rng)
+    return run_filter(Run.simulate(seed, drive, parameters), FilterParameters(particles=particles))
+
+
+def run_filter(run: Run, parameters: FilterParameters) -> Outcome:
+    """Run the filter over a simulated drive."""
+    world, log = run.world, run.drive
+    rng = np.random.default_rng(np.random.SeedSequence([run.seed, 2, 0]))
+    car = SlamcuFilter(world.hd_map, log.header, parameters, rng=rng)
     truth = world.frame.to_local(log.reference.lon, log.reference.lat)
-    pose_errors, steps, step, frames = [], [], 0.0, 0
+    reports: list[tuple[PassReport, bool]] = []
+    pose_times, pose_errors, steps, step = [], [], [], 0.0
     for record in log.records:
         begin = perf_counter()
-        car.feed(record)
+        ended = car.feed(record)
         step += perf_counter() - begin
+        reports += [(report, car.health.trusted) for report in ended]
         if isinstance(record, DetectionFrame):
             # A step is a camera frame with all that came since the last one: odometry, GNSS, objects.
             steps.append(1e3 * step)
-            step, frames = 0.0, frames + 1
-            if frames % _POSE_EVERY == 0:
+            step = 0.0
+            if len(steps) % _POSE_EVERY == 0:
                 pose = car.pose
                 east, north = world.frame.to_local(pose.lon, pose.lat).tolist()
                 true = [float(np.interp(record.t, log.reference.t, truth[:, axis])) for axis in (0, 1)]
+                pose_times.append(record.t)
                 pose_errors.append(float(np.hypot(east - true[0], north - true[1])))
-    car.finish()
-    outcome = score(facts_of(world, log), claims_of(world, car.features()), radius_m=HIGHWAY_RADIUS_M)
+    reports += [(report, car.health.trusted) for report in car.finish()]
+    facts = facts_of(world, log)
+    estimates = [estimate for estimate in car.features() if estimate.feature is None or not estimate.feature.watched]
+    claims = claims_of(world, estimates)
+    outcome = score(facts, claims, radius_m=HIGHWAY_RADIUS_M)
     oracle = oracle_errors(world, log)
     return Outcome(
-        name=f"drive {drive} (world seed {own})",
+        name=f"drive {run.number} (world seed {run.seed})",
         score=outcome,
         pose_errors_m=tuple(pose_errors),
         oracle_errors_m=tuple(oracle[match.fact] for match in outcome.matches if match.fact in oracle),
         oracle_errors_all_m=tuple(oracle.values()),
         single_sighting_m=tuple(single_sighting_errors(world, log).tolist()),
         step_ms=np.array(steps),
+        trust=Trust(
+            told=judge(reports, facts, world.frame.to_local, start=log.header.start_time, radius_m=HIGHWAY_RADIUS_M),
+            diverged=not _rmse(pose_errors) <= DIVERGED_RMSE_M,
+            lost_at=lost_at(np.array(pose_times), np.array(pose_errors), DIVERGED_RMSE_M),
+        ),
+        records=feature_records(run.number, log, (facts, estimates, claims), score=outcome, oracle=oracle),
     )
 
 
@@ -184,4 +226,6 @@ def paper_figures(outcomes: Sequence[Outcome], particles: int) -> dict[str, Any]
             "p99": float(np.percentile(steps, 99)),
         },
         "particles": particles,
+        "health": trust_figures([outcome.trust for outcome in outcomes]),
+        "machine": machine(),
     }

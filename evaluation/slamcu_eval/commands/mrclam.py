@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from slamcu_core.errors import SlamcuError
-from slamcu_eval.console import confusion_table, console, progress, write_json
+from slamcu_eval.console import confusion_table, console, progress, share, write_json
 from slamcu_eval.mrclam.experiment import DIVERGED_RMSE_M, RobotRun, run_experiment
 from slamcu_eval.mrclam.figures import mrclam_figures
 from slamcu_eval.mrclam.files import WHERE_TO_GET, MissingRecordingError
@@ -50,8 +50,8 @@ def register(app: typer.Typer) -> None:
             def begin(names: Sequence[str]) -> None:
                 bars.update(bar, description=f"{len(names)} robot runs of {duration:g} s", total=len(names))
 
-            def tell(run: int, share: float) -> None:
-                shares[run] = share
+            def tell(run: int, done: float) -> None:
+                shares[run] = done
                 bars.update(bar, completed=sum(shares.values()))
 
             single, fused = run_experiment(setting, jobs=jobs, begin=begin, tell=tell)
@@ -78,12 +78,15 @@ def _table(figures: dict[str, Any]) -> Table:
     for name in blocks:
         table.add_column(name, justify="right")
     alone, together = ([block[part] for block in blocks.values()] for part in ("single", "fused"))
+    health = [block["health"] for block in alone]
     rows = [
         ("one robot: right", [f"{block['accuracy']:.1%}" for block in alone]),
         ("  95 % interval by run", ["{:.1%} to {:.1%}".format(*block["accuracy_ci95"]) for block in alone]),
         ("  error of new landmarks, mean", [_metres(block) for block in alone]),
         ("  false new per run", [f"{block['false_new_per_run']:.2f}" for block in alone]),
         ("  diverged runs", [f"{block['diverged_runs']} of {block['runs']}" for block in alone]),
+        ("  of them flagged before a wrong report", [share(one["diverged_flagged_before_wrong"]) for one in health]),
+        ("  healthy runs wrongly flagged", [share(one["healthy_flagged"]) for one in health]),
         ("  pose error, median over runs", [f"{block['pose_rmse_median_m']:.2f} m" for block in alone]),
         ("the fleet: right", [f"{block['accuracy']:.1%}" for block in together]),
         ("  right of all", [_right(block["confusion"]) for block in together]),

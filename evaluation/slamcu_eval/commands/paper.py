@@ -9,8 +9,9 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from slamcu_eval.console import confusion_table, console, progress, write_json
+from slamcu_eval.console import confusion_table, console, progress, share, write_json
 from slamcu_eval.paper import DIVERGED_RMSE_M, PUBLISHED, Outcome, paper_figures, run_drives
+from slamcu_eval.records import write_records
 
 
 def register(app: typer.Typer) -> None:
@@ -18,6 +19,7 @@ def register(app: typer.Typer) -> None:
 
     @app.command("paper")
     def _paper(
+        *,
         drives: Annotated[int, typer.Option(min=1, help="Number of drives, each in a world of its own.")] = 3,
         seed: Annotated[int, typer.Option(min=0, help="Seed of worlds, drives and filters.")] = 0,
         particles: Annotated[int, typer.Option(min=2, max=100_000, help="Particles of the filter.")] = 100,
@@ -25,6 +27,10 @@ def register(app: typer.Typer) -> None:
             int, typer.Option(min=1, help="Drives at a time; above 1 their steps wait for each other.")
         ] = 1,
         json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+        records_file: Annotated[
+            Path | None,
+            typer.Option("--records", help="Write a record per feature to this file, as JSON lines."),
+        ] = None,
     ) -> None:
         """Run the filter over the paper's motorway: 20 km, 55 signs unchanged, 9 deleted, 39 new."""
         with progress() as bars:
@@ -36,6 +42,8 @@ def register(app: typer.Typer) -> None:
         _name_diverged(outcomes)
         if json_file is not None:
             write_json(json_file, figures)
+        if records_file is not None:
+            write_records(records_file, (record for outcome in outcomes for record in outcome.records))
 
 
 def _beside_the_paper(figures: dict[str, Any]) -> Table:
@@ -44,7 +52,7 @@ def _beside_the_paper(figures: dict[str, Any]) -> Table:
         table.add_column(column, justify="right" if side == "right" else "left")
     error, oracle, single = (figures[f"{name}_error_m"] for name in ("new_position", "oracle", "single_sighting"))
     low, high = figures["accuracy_ci95"]
-    step, theirs = figures["step_ms"], PUBLISHED
+    step, health, theirs = figures["step_ms"], figures["health"], PUBLISHED
     rows = [
         ("drives", str(figures["drives"]), str(theirs["drives"])),
         ("features", str(figures["features"]), str(theirs["features"])),
@@ -60,6 +68,8 @@ def _beside_the_paper(figures: dict[str, Any]) -> Table:
         ("inside their 95 % ellipse", f"{figures['ellipse95_coverage']:.1%}", ""),
         ("pose error, root mean square", f"{figures['localization_rmse_m']:.2f} m", ""),
         ("diverged drives", str(figures["diverged_drives"]), ""),
+        ("  of them flagged before a wrong report", share(health["diverged_flagged_before_wrong"]), ""),
+        ("healthy drives wrongly flagged", share(health["healthy_flagged"]), ""),
         ("step, mean", f"{step['mean']:.2f} ms", f"{theirs['step_ms']['mean']:.2f} ms"),
         ("  median, 99th percentile", f"{step['p50']:.2f} ms, {step['p99']:.2f} ms", ""),
         ("particles", str(figures["particles"]), ""),

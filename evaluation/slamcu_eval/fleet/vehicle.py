@@ -5,20 +5,22 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_client import Outbox, Server, Uploader, UploadResult, VehicleSession
+from slamcu_client import Server, Uploader, UploadResult, VehicleSession
 from slamcu_client.map_cache import MapCache
 from slamcu_core.drive import DetectionFrame, DriveHeader, Record
 from slamcu_core.errors import SlamcuError
 from slamcu_core.filter import FeatureEstimate, FilterParameters
 from slamcu_core.geometry import LocalFrame
 from slamcu_core.hd_map import HDMap
-from slamcu_core.reports import Health
+from slamcu_core.reports import Health, ReportMessage
+from slamcu_eval.fleet.witness import WitnessedOutbox
 
 Array = NDArray[np.float64]
 
@@ -67,12 +69,15 @@ class VehicleJob:
 class VehicleOutcome:
     """What became of it."""
 
+    start_time: datetime  # aware; the instant of t = 0
     features: tuple[FeatureEstimate, ...]
+    pose_t: Array  # (K,) s since the start
     pose_errors_m: Array  # (K,) distance from the truth, a few times a second
     step_ms: Array  # (F,) per detection frame, the odometry since the frame before included
     passes: int  # that it reported, or would have
     upload: UploadResult | None
     health: Health
+    messages: tuple[ReportMessage, ...] = ()  # that went through its outbox, in order
 
     @property
     def pose_rmse_m(self) -> float:
@@ -102,31 +107,45 @@ def drive_vehicle(job: VehicleJob, tell: Callable[[float], None] = lambda _: Non
     drive = job.drive.open()
     if job.account is None:
         with VehicleSession(job.hd_map, drive.header, None, job.parameters, seed=job.seed) as session:
-            errors, steps = _feed(session, drive, tell)
-        return _outcome(session, errors, steps, None)
+            poses, steps = _feed(session, drive, tell)
+        return _outcome(drive, session, poses, steps)
     job.account.folder.mkdir(parents=True, exist_ok=True)
-    with Server(job.account.url, job.account.key) as server, Outbox(job.account.folder / "outbox.sqlite") as outbox:
+    with (
+        Server(job.account.url, job.account.key) as server,
+        WitnessedOutbox(job.account.folder / "outbox.sqlite") as outbox,
+    ):
         uploader = Uploader(outbox, server, rng=np.random.default_rng(job.seed))
         with (
             uploader.in_background(),
             VehicleSession(job.hd_map, drive.header, outbox, job.parameters, seed=job.seed) as session,
         ):
-            errors, steps = _feed(session, drive, tell)
+            poses, steps = _feed(session, drive, tell)
         upload = uploader.flush(_UPLOAD_TIMEOUT_S)
     if upload.remaining or upload.rejected:
         raise SlamcuError(
             f"{drive.header.session_id}: {upload.remaining} messages were not taken, {upload.rejected} were refused"
         )
-    return _outcome(session, errors, steps, upload)
+    return _outcome(drive, session, poses, steps, upload=upload, messages=tuple(outbox.messages))
 
 
-def _outcome(session: VehicleSession, errors: Array, steps: Array, upload: UploadResult | None) -> VehicleOutcome:
+def _outcome(
+    drive: OpenDrive,
+    session: VehicleSession,
+    poses: tuple[Array, Array],
+    steps: Array,
+    *,
+    upload: UploadResult | None = None,
+    messages: tuple[ReportMessage, ...] = (),
+) -> VehicleOutcome:
     passes = session.passes if upload is None else session.passes_reported
-    return VehicleOutcome(tuple(session.features()), errors, steps, passes, upload, session.health)
+    start, features = drive.header.start_time, tuple(session.features())
+    return VehicleOutcome(start, features, *poses, steps, passes, upload, session.health, messages)
 
 
-def _feed(session: VehicleSession, drive: OpenDrive, tell: Callable[[float], None]) -> tuple[Array, Array]:
-    """Feed the drive to the session; return the pose errors (K,) in m and the time per frame (F,) in ms."""
+def _feed(
+    session: VehicleSession, drive: OpenDrive, tell: Callable[[float], None]
+) -> tuple[tuple[Array, Array], Array]:
+    """Feed the drive to the session; return times (K,) s and pose errors (K,) m, and the time per frame (F,) in ms."""
     start = drive.header.initial_pose
     frame = LocalFrame(start.lon, start.lat)
     true_xy = frame.to_local(drive.truth[:, 1], drive.truth[:, 2])
@@ -152,4 +171,4 @@ def _feed(session: VehicleSession, drive: OpenDrive, tell: Callable[[float], Non
     errors = frame.to_local(where[:, 1], where[:, 2]) - np.stack(
         [np.interp(where[:, 0], drive.truth[:, 0], true_xy[:, axis]) for axis in (0, 1)], axis=-1
     )
-    return np.hypot(errors[:, 0], errors[:, 1]), np.array(steps)
+    return (where[:, 0], np.hypot(errors[:, 0], errors[:, 1])), np.array(steps)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
@@ -23,7 +24,7 @@ from slamcu_core.drive import (
 from slamcu_eval.highway.camera import CameraErrors, Looks, draw_camera_errors, film, in_view
 from slamcu_eval.highway.motion import MotionErrors, Trajectory, drive_along, measure_gnss, measure_odometry
 from slamcu_eval.highway.parameters import CameraParameters, HighwayParameters
-from slamcu_eval.highway.traffic import make_traffic, report_objects
+from slamcu_eval.highway.traffic import Neighbour, make_traffic, report_objects
 from slamcu_eval.highway.world import World
 
 Array = NDArray[np.float64]
@@ -57,6 +58,15 @@ class Sightings:
 
 
 @dataclass(frozen=True, slots=True)
+class Exposure:
+    """How each of World.signs, standing or gone, lay before the camera: where it is, or where the map has it."""
+
+    frames: NDArray[np.intp]  # (S,) frames with its place in the field of view and reach, hidden or not
+    hidden: NDArray[np.intp]  # (S,) those of them in which traffic hid the place
+    closest_m: Array  # (S,) least true range among them; inf if there is none
+
+
+@dataclass(frozen=True, slots=True)
 class Drive:
     """A drive log in memory, and beside it what really happened."""
 
@@ -65,9 +75,14 @@ class Drive:
     reference: Reference
     sightings: Sightings
     looks: Looks
-    in_view: NDArray[np.bool_]  # (S,) for each of World.signs whether its place ever was in view, hidden or not
+    exposure: Exposure
     motion_errors: MotionErrors
     camera_errors: CameraErrors
+
+    @property
+    def in_view(self) -> NDArray[np.bool_]:
+        """Return for each of World.signs whether its place ever was in view, hidden or not, (S,)."""
+        return self.exposure.frames > 0
 
 
 def make_drive(world: World, seed: int, vehicle: int, parameters: HighwayParameters | None = None) -> Drive:
@@ -105,7 +120,7 @@ def make_drive(world: World, seed: int, vehicle: int, parameters: HighwayParamet
         reference=_reference(path, world),
         sightings=_sightings(times, camera, frames),
         looks=looks,
-        in_view=_in_view(world, eye, axis, p.camera),
+        exposure=_exposure(world, eye, axis, neighbours, p.camera),
         motion_errors=motion_errors,
         camera_errors=camera_errors,
     )
@@ -150,11 +165,19 @@ def _reference(path: Trajectory, world: World) -> Reference:
     return Reference(path.t, lon, lat, world.compass(path.heading, lon))
 
 
-def _in_view(world: World, eye: Array, axis: Array, p: CameraParameters) -> NDArray[np.bool_]:
+def _exposure(world: World, eye: Array, axis: Array, neighbours: Sequence[Neighbour], p: CameraParameters) -> Exposure:
     places = np.array([sign.place or sign.map_place for sign in world.signs], float)
-    seen = np.zeros(len(world.signs), bool)
-    seen[in_view(places, eye, axis, p)[0]] = True
-    return seen
+    sign, frame, distance, _ = in_view(places, eye, axis, p)
+    hidden = np.zeros(frame.size, bool)
+    for neighbour in neighbours:
+        hidden |= neighbour.hides(frame, eye[frame], places[sign])
+    closest = np.full(len(places), np.inf)
+    np.minimum.at(closest, sign, distance)
+    return Exposure(
+        frames=np.bincount(sign, minlength=len(places)),
+        hidden=np.bincount(sign[hidden], minlength=len(places)),
+        closest_m=closest,
+    )
 
 
 def _sightings(times: Array, camera: Array, frames: dict[int, list[tuple[Detection, int]]]) -> Sightings:

@@ -12,10 +12,11 @@ from slamcu_client.results import result_features
 from slamcu_core.aggregation import ClassPolicy, Policy
 from slamcu_core.formats import ResultFeature, write_hd_map
 from slamcu_eval.commands.score import claims_from
-from slamcu_eval.fleet import Account, Cloud, VehicleJob, drive_fleet, fetch_map, fused_result
+from slamcu_eval.fleet import Account, Cloud, VehicleJob, VehicleOutcome, drive_fleet, fetch_map, fused_result
 from slamcu_eval.mrclam.robots import Edit, Setting, edits_of, job_of, robots_of
 from slamcu_eval.mrclam.runs import ARENA, LANDMARK_CLASS
 from slamcu_eval.score import ROBOT_RADIUS_M, Score, score
+from slamcu_eval.trust import Trust, judge, lost_at
 
 DIVERGED_RMSE_M = 0.5  # robots (evaluation contract)
 
@@ -40,6 +41,7 @@ class RobotRun:
     score: Score
     pose_rmse_m: float
     step_ms: NDArray[np.float64]
+    trust: Trust
 
     @property
     def diverged(self) -> bool:
@@ -90,17 +92,25 @@ def run_experiment(
         outcomes = drive_fleet(plan, processes=jobs, tell=tell)
         cloud.wait_until_fused()
         fused = [FusedMap(edit.name, edit.session, _score(edit, fused_result(cloud, edit.name))) for edit in edits]
-    single = [
-        RobotRun(
-            name=str(job.drive),
-            session=edit.session,
-            score=_score(edit, list(result_features(outcome.features))),
-            pose_rmse_m=outcome.pose_rmse_m,
-            step_ms=outcome.step_ms,
-        )
-        for (edit, _), job, outcome in zip(runs, plan, outcomes, strict=True)
-    ]
+    single = [robot_run(edit, job, outcome) for (edit, _), job, outcome in zip(runs, plan, outcomes, strict=True)]
     return single, fused
+
+
+def robot_run(edit: Edit, job: VehicleJob, outcome: VehicleOutcome) -> RobotRun:
+    """Return what came of one robot's drive against one wrong map, alone."""
+    reports = [(one, message.health.trusted) for message in outcome.messages for one in message.passes]
+    return RobotRun(
+        name=str(job.drive),
+        session=edit.session,
+        score=_score(edit, list(result_features(outcome.features))),
+        pose_rmse_m=outcome.pose_rmse_m,
+        step_ms=outcome.step_ms,
+        trust=Trust(
+            told=judge(reports, edit.facts, ARENA.to_local, start=outcome.start_time, radius_m=ROBOT_RADIUS_M),
+            diverged=not outcome.pose_rmse_m <= DIVERGED_RMSE_M,
+            lost_at=lost_at(outcome.pose_t, outcome.pose_errors_m, DIVERGED_RMSE_M),
+        ),
+    )
 
 
 def _score(edit: Edit, features: list[ResultFeature]) -> Score:

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from slamcu_eval.machine import machine
 from slamcu_eval.mrclam.experiment import FusedMap, RobotRun
 from slamcu_eval.score import Score, figures
 from slamcu_eval.statistics import cluster_interval
+from slamcu_eval.trust import trust_figures
 
 
 def mrclam_figures(single: Sequence[RobotRun], fused: Sequence[FusedMap]) -> dict[str, Any]:
@@ -29,6 +31,7 @@ def mrclam_figures(single: Sequence[RobotRun], fused: Sequence[FusedMap]) -> dic
             "p50": float(np.percentile(steps, 50)),
             "p99": float(np.percentile(steps, 99)),
         },
+        "machine": machine(),
     }
 
 
@@ -46,6 +49,7 @@ def _block(single: Sequence[RobotRun], fused: Sequence[FusedMap]) -> dict[str, A
             "diverged_names": diverged,
             "runs": len(single),
             "pose_rmse_median_m": float(np.median([run.pose_rmse_m for run in single])),
+            "health": trust_figures([run.trust for run in single]),
         },
         "fused": {
             "confusion": together["confusion"],

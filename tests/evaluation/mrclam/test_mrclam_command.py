@@ -18,7 +18,7 @@ def test_the_command_scores_robots_alone_and_as_a_fleet(
     options = ["--sessions", "2", "--duration", "40", "--edits", "1", "--particles", "50", "--json", str(file)]
     assert run(["mrclam", str(recording), *options]) == 0
     figures = json.loads(file.read_text())
-    assert set(figures) == {"sessions", "pooled", "step_ms"}
+    assert set(figures) == {"sessions", "pooled", "step_ms", "machine"}
     assert set(figures["sessions"]) == {"2"}
     for block in (figures["sessions"]["2"], figures["pooled"]):
         single, fused = block["single"], block["fused"]
