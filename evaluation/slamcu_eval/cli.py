@@ -20,6 +20,7 @@ COMMANDS: tuple[str, ...] = (
     "slamcu_eval.commands.score",
     "slamcu_eval.commands.paper",
     "slamcu_eval.commands.mrclam",
+    "slamcu_eval.commands.ablation",
     "slamcu_eval.commands.demo",
     "slamcu_eval.commands.bench",
 )

@@ -42,7 +42,7 @@ def register(app: typer.Typer) -> None:
         """
         if not directory.is_dir():
             raise MissingRecordingError(directory)
-        setting = Setting(directory.absolute(), _numbers(sessions), duration, edits, seed, particles)
+        setting = Setting(directory.absolute(), numbers(sessions), duration, edits, seed, particles)
         with progress() as bars:
             bar = bars.add_task("starting a server", total=None)
             shares: dict[int, float] = {}
@@ -63,7 +63,8 @@ def register(app: typer.Typer) -> None:
             write_json(json_file, figures)
 
 
-def _numbers(text: str) -> tuple[int, ...]:
+def numbers(text: str) -> tuple[int, ...]:
+    """Return the numbers of sessions that an option names."""
     try:
         numbers = tuple(dict.fromkeys(int(part) for part in text.split(",")))
     except ValueError:

@@ -1,0 +1,120 @@
+"""The parts that take the place of the filter's own in an ablation: simpler, or as the paper printed them.
+
+The filter has no switches for them, for nobody should drive with them. An ablation puts them where the filter looks its
+own parts up, by name, and takes them away again; a name that the filter no longer has is an error, not a silent no-op.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamcu_core.errors import SlamcuError
+from slamcu_core.filter import existence
+from slamcu_core.filter.frame_update import FrameUpdate, Seen, View
+from slamcu_core.filter.table import Kind
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Swap = tuple[str, str, Any]  # "module" or "module:Class", the name in it, and what takes its place
+
+CORE = "slamcu_core.filter"
+
+
+@contextmanager
+def replaced(swaps: tuple[Swap, ...]) -> Iterator[None]:
+    """Put parts in place of the filter's own until the end of the block.
+
+    Raises SlamcuError if the filter has no part of that name.
+    """
+    before: list[Swap] = []
+    try:
+        for where, name, part in swaps:
+            module, _, owner = where.partition(":")
+            holder = getattr(import_module(module), owner) if owner else import_module(module)
+            if not hasattr(holder, name):
+                raise SlamcuError(f"the filter has no {where}.{name} to be replaced")
+            before.append((where, name, getattr(holder, name)))
+            setattr(holder, name, part)
+        yield
+    finally:
+        for where, name, part in reversed(before):
+            module, _, owner = where.partition(":")
+            setattr(getattr(import_module(module), owner) if owner else import_module(module), name, part)
+
+
+def certain_detection(_table: object, rows: Index, _nominal: float, _concentration: float) -> Array:
+    """Stand in for `existence.detectability`: what is in view is always detected."""
+    return np.ones(len(rows))
+
+
+def as_a_whole(visible: Array) -> Array:
+    """Return P(visible) as the paper has it: a feature is in the field of view or it is not."""
+    return np.asarray(visible > 0.5, float)
+
+
+def whole_visibility(sensor: Any, distance: Array, bearing: Array, weights: Array) -> Array:
+    """Stand in for `visibility_probability`: what is in most particles' field of view is in view."""
+    inside = (
+        (distance >= sensor.min_range_m)
+        & (distance <= sensor.max_range_m)
+        & (np.abs(bearing) <= np.deg2rad(sensor.fov_deg) / 2.0)
+    )
+    return as_a_whole(weights @ inside)
+
+
+def nothing_hides(_occluders: object, distance: Array, _bearing: Array, _std: Array) -> Array:
+    """Stand in for `occlusion_probability`: every line of sight is free."""
+    return np.zeros(len(distance))
+
+
+def each_by_itself(score: Array) -> Index:
+    """Stand in for `assign`: every detection takes its likeliest feature, taken or not (section 4.3.1 as printed)."""
+    if not score.size:
+        return np.full(len(score), -1, dtype=np.intp)
+    best = score.argmax(axis=1)
+    return np.where(score[np.arange(len(score)), best] > 0.0, best, -1).astype(np.intp)
+
+
+def no_fix(*_arguments: object) -> None:
+    """Stand in for `GnssBias.update`: fixes are not taken."""
+
+
+def never_pays(*_arguments: object) -> bool:
+    """Stand in for `proposal.pays`: poses are always sampled from the motion prior."""
+    return False
+
+
+def all_stand(table: Any, rows: Index, _speed: float, parameters: Any) -> NDArray[np.bool_]:
+    """Stand in for `existence.stands_still`: what was detected often enough is taken to stand still."""
+    return np.asarray(table.hits[rows] >= parameters.minimum_hits)
+
+
+class WeighsDeleted(FrameUpdate):
+    """A frame update in which every associated map feature weighs the particles, Deleted or not."""
+
+    def pre_associate(self, view: View, seen: Seen) -> tuple[Index, Array]:
+        """Associate, and remember what went with what."""
+        columns, squares = super().pre_associate(view, seen)
+        mapped = self.table.kind[view.rows] == Kind.MAP
+        pairs = [(d, c) for d, c in enumerate(columns.tolist()) if c >= 0 and mapped[c]]
+        object.__setattr__(self, "mapped_pairs", pairs)
+        return columns, squares
+
+    def weigh(
+        self, view: View, seen: Seen, pairs: list[tuple[int, int]], share: float, rng: np.random.Generator
+    ) -> None:
+        """Weigh by the given pairs and by all those with features of the map."""
+        mapped: list[tuple[int, int]] = self.mapped_pairs  # type: ignore[attr-defined]  # set by pre_associate
+        super().weigh(view, seen, sorted({*pairs, *mapped}), share, rng)
+
+
+def weighs_as_normal(table: Any, rows: Index) -> NDArray[np.bool_]:
+    """Tell which rows are Normal features of the map, by their masses (section 4.3.3)."""
+    e, n, u = existence.masses(table, rows)
+    return np.asarray((table.kind[rows] == Kind.MAP) & (e > n) & (e > u))
