@@ -47,8 +47,8 @@ class MapManagement:
         self._spare: list[int] = []  # rows of forgotten finds, to be used again
         self.open: set[int] = set()  # rows with an open pass
 
-    def update_existence(self, model: SensorModel, view: View, seen: Seen, pairs: Pairs, now: Instant) -> Array:
-        """Update existence (4.3.2) by the detections of a frame; return the chance (F,) that each row had to be seen.
+    def update_existence(self, model: SensorModel, view: View, seen: Seen, pairs: Pairs, now: Instant) -> None:
+        """Update existence (4.3.2) by the detections of a frame.
 
         Detected rows get eq. 1; rows that should have shown themselves and did not get eq. 2.
         """
@@ -71,7 +71,6 @@ class MapManagement:
         table.last_hit[hit_rows] = now.t
         for detection, column in pairs:
             self._sight(model, int(view.rows[column]), seen, detection, now)
-        return chance
 
     def _keep_passes(self, view: View, hit: NDArray[np.bool_], t: float) -> None:
         table = self._table
@@ -163,6 +162,15 @@ class MapManagement:
         self._votes.pop(row, None)
         self._spare.append(row)
         self._around.rows = self._around.rows[self._around.rows != row]
+
+    def start_over(self) -> None:
+        """Forget what was believed from a wrong pose: the car's own finds, all evidence of the drive, open passes."""
+        table = self._table
+        for row in np.flatnonzero((table.kind == Kind.NEW) & table.alive).tolist():
+            self._forget(row)
+        table.weight_for[:] = table.weight_against[:] = 0.0
+        table.open[:] = False
+        self.open.clear()
 
     def end_passes(self, rows: Iterable[int]) -> list[int]:
         """End the passes of rows and return those worth a report; finds that never became New are forgotten."""

@@ -99,6 +99,16 @@ class Particles:
             self.state[:, :3] += (self.pending @ draw)[..., 0]
             self.pending = None
 
+    def restart(
+        self, place: Array, heading: float, position_std: float, heading_std: float, rng: np.random.Generator
+    ) -> None:
+        """Spread all particles anew about a pose, in place; what they know of the vehicle stays."""
+        count = len(self)
+        self.state[:, :2] = place + position_std * rng.standard_normal((count, 2))
+        self.state[:, 2] = heading + heading_std * rng.standard_normal(count)
+        self.log_weight = np.zeros(count)
+        self.pending = None
+
     def select(self, index: NDArray[np.intp]) -> None:
         """Replace the particles by copies of those at `index` (M,), all of equal weight."""
         self.state = self.state[index]

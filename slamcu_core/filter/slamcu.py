@@ -27,6 +27,7 @@ from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.passes import PassReporter
 from slamcu_core.filter.prediction import Travel, predict
+from slamcu_core.filter.relocation import Memory, Motion, Sighting, agreement, search
 from slamcu_core.filter.resampling import resample
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
 from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass
@@ -36,6 +37,12 @@ from slamcu_core.reports import Health, PassReport
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+_MEMORY_S = 20.0  # s; dead reckoning is good for so long
+_SEARCH_INTERVAL_S = 2.0  # s between searches while in doubt
+_AGREEMENT = 5  # things seen that must fall on the map for a new pose ...
+_SHARE = 0.7  # ... and share of all that was seen ...
+_BETTER_BY = 3  # ... and so many more than from the old one
 
 
 @dataclass(slots=True)
@@ -107,6 +114,8 @@ class SlamcuFilter:
         self._speed = 0.0
         self._yaw_rate = 0.0
         self._travel = Travel()
+        self._memory = Memory(_MEMORY_S)
+        self._last_search = -np.inf
         self._reckoned = np.zeros((1, 3))  # dead reckoning: drifts, but never jumps
 
     def _install(self, model: SensorModel) -> _Sensor:
@@ -197,6 +206,10 @@ class SlamcuFilter:
             now = Instant(record.t, share, mean_state[:3], self._reckoned[0], self._speed)
             self._manage(sensor, view, seen, now)
             self._resample()
+            self._remember(sensor.model, seen, now)
+            if self._monitor.lost and record.t - self._last_search > _SEARCH_INTERVAL_S:
+                self._last_search = record.t
+                self._find_the_way_back()
         else:
             self._particles.settle(self._rng)
         gone = [
@@ -228,7 +241,7 @@ class SlamcuFilter:
         for detection, column in pairs:
             # noise by the expected range: by the measured one, short readings would weigh more than long ones
             seen.noise[detection] = sensor.model.noise(view.marginal.mean[column])
-        chance = management.update_existence(sensor.model, view, seen, pairs, now)
+        management.update_existence(sensor.model, view, seen, pairs, now)
         # association with Normal and New only (4.3.4), by the classes after this frame's evidence (4.3.3)
         rows = view.rows[[c for _, c in pairs]]
         state, mine = management.classify(rows), table.kind[rows] == Kind.NEW
@@ -238,8 +251,10 @@ class SlamcuFilter:
             [float(squares[pair]) for pair in compress(pairs, usable)],
             len(columns),
             int((columns < 0).sum()),
-            float(chance[mapped].sum()),
-            int((table.kind[rows] == Kind.MAP).sum()),
+            expected=sensor.model.sensor.detection_probability
+            * float((view.visible * (1.0 - view.hidden))[mapped].sum()),
+            found=int((table.kind[rows] == Kind.MAP).sum()),
+            share=now.share,
         )
         update.weigh(view, seen, list(compress(pairs, usable)), now.share, self._rng)
         update.calibrate(view, seen, list(compress(pairs, usable & ~mine)), now.share)
@@ -249,6 +264,42 @@ class SlamcuFilter:
         for alone in np.flatnonzero(columns < 0).tolist():
             if seen.feature_class[alone] in sensor.classes:
                 management.give_birth(sensor.model, seen, alone, now)
+
+    def _remember(self, model: SensorModel, seen: Seen, now: Instant) -> None:
+        for index, measured in enumerate(seen.measurement):
+            place = model.invert(now.reckoned, measured)
+            across = measured[0] * np.sqrt(seen.noise[index, 1]) if model.has_bearing else 0.0
+            std = float(max(np.sqrt(seen.noise[index, 0]), across))
+            kind = int(seen.feature_class[index]), int(seen.sign[index])
+            self._memory.add(Sighting(now.t, place, std, *kind))
+
+    def _find_the_way_back(self) -> None:
+        """Move the particles to where the last sightings fit the map, if they fit clearly better there."""
+        table, rows = self._table, self._around.rows
+        rows = rows[table.kind[rows] == Kind.MAP]
+        seen = self._memory.constellation()
+        if len(seen.place) < _AGREEMENT or len(rows) < _AGREEMENT:
+            return
+        signs = table.sign[rows]
+        fits = seen.feature_class[:, None] == table.feature_class[rows]
+        fits &= (seen.sign[:, None] == signs) | (seen.sign[:, None] == 0) | (signs == 0)
+        mean, _ = self._particles.mean_state()
+        reckoned = self._reckoned[0]
+        here = Motion(float(mean[2] - reckoned[2]), np.zeros(2))
+        here = Motion(here.angle, mean[:2] - here.apply(reckoned[:2]))
+        motion, agreed = search(seen, table.xy[rows], fits)
+        needed = max(_AGREEMENT, _SHARE * len(seen.place), agreement(seen, here, table.xy[rows], fits) + _BETTER_BY)
+        if motion is None or agreed < needed:
+            return
+        std = float(seen.std.mean())
+        spread = float(np.hypot(*seen.place.std(axis=0)))
+        self._particles.restart(
+            motion.apply(reckoned[:2]), motion.angle + reckoned[2], std, std / max(spread, std), self._rng
+        )
+        self._management.start_over()
+        self._monitor.reset()
+        self._memory.clear()
+        self._around.refresh(motion.apply(reckoned[:2]), self._particles, force=True)
 
     def _close(self, rows: list[int]) -> list[PassReport]:
         """End the passes of rows and report them."""

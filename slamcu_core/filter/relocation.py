@@ -1,0 +1,119 @@
+"""Finding the way back: match what was seen lately, as one rigid constellation, with the features of the map.
+
+A filter that has settled on a wrong pose explains what it sees with features of its own making, and its particles hold
+no better pose to fall back on. The last sightings placed by dead reckoning form a small map that is right up to a
+rotation and a shift; pairs of it matched with pairs of the HD map propose that motion, and the proposal that lays most
+sightings on the map wins, if it wins clearly (a consensus search after Fischler and Bolles 1981).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """One detection, placed by dead reckoning."""
+
+    t: float  # s
+    place: Array  # (2,) m, in the dead-reckoning frame
+    std: float  # m, larger axis
+    feature_class: int
+    sign: int
+
+
+@dataclass(frozen=True, slots=True)
+class Constellation:
+    """Distinct things seen lately: places (L, 2) in the dead-reckoning frame, their std (L,), class and sign codes."""
+
+    place: Array
+    std: Array
+    feature_class: Index
+    sign: Index
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A rigid motion p -> R(angle) p + shift from the dead-reckoning frame into the map's."""
+
+    angle: float  # rad
+    shift: Array  # (2,) m
+
+    def apply(self, place: Array) -> Array:
+        """Move places (..., 2)."""
+        cos, sin = np.cos(self.angle), np.sin(self.angle)
+        return np.asarray(place @ np.array([[cos, sin], [-sin, cos]]) + self.shift)
+
+
+class Memory:
+    """The sightings of the last `window` seconds."""
+
+    def __init__(self, window: float) -> None:
+        self._window = window
+        self._sightings: deque[Sighting] = deque(maxlen=1000)
+
+    def add(self, sighting: Sighting) -> None:
+        """Remember a sighting and forget those that are too old."""
+        self._sightings.append(sighting)
+        while self._sightings[0].t < sighting.t - self._window:
+            self._sightings.popleft()
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._sightings.clear()
+
+    def constellation(self) -> Constellation:
+        """Merge sightings within three standard deviations of each other, and drop what was seen only once."""
+        groups: list[list[Sighting]] = []
+        for sighting in self._sightings:
+            for group in groups:
+                last = group[-1]
+                near = np.hypot(*(sighting.place - last.place)) < 3.0 * np.hypot(sighting.std, last.std)
+                if near and (sighting.feature_class, sighting.sign) == (last.feature_class, last.sign):
+                    group.append(sighting)
+                    break
+            else:
+                groups.append([sighting])
+        kept = [group for group in groups if len(group) > 1]
+        return Constellation(
+            np.array([np.mean([s.place for s in group], axis=0) for group in kept]).reshape(-1, 2),
+            np.array([np.mean([s.std for s in group]) / np.sqrt(min(len(group), 4)) for group in kept]),
+            np.array([group[0].feature_class for group in kept], dtype=np.intp),
+            np.array([group[0].sign for group in kept], dtype=np.intp),
+        )
+
+
+def agreement(seen: Constellation, motion: Motion, places: Array, fits: NDArray[np.bool_]) -> int:
+    """Count the things seen that a motion lays on features of the map (F, 2), one to one; `fits` (L, F) by kind."""
+    distance = np.hypot(*np.moveaxis(motion.apply(seen.place)[:, None] - places[None], -1, 0))
+    close = fits & (distance < 3.0 * seen.std[:, None])
+    return int(min(close.any(axis=1).sum(), close.any(axis=0).sum()))
+
+
+def search(seen: Constellation, places: Array, fits: NDArray[np.bool_]) -> tuple[Motion | None, int]:
+    """Return the motion that lays most things seen on features of the map (F, 2), and how many."""
+    best, count = None, 0
+    gaps = places[None, :] - places[:, None]  # (F, F, 2) from a to b
+    lengths = np.hypot(gaps[..., 0], gaps[..., 1])
+    for i in range(len(seen.place)):
+        for j in range(i + 1, len(seen.place)):
+            gap = seen.place[j] - seen.place[i]
+            length, slack = np.hypot(*gap), 3.0 * np.hypot(seen.std[i], seen.std[j])
+            if length < 2.0 * slack:
+                continue  # too short to tell a direction
+            for a, b in np.argwhere((np.abs(lengths - length) < slack) & fits[i][:, None] & fits[j][None, :]):
+                angle = float(np.arctan2(gaps[a, b, 1], gaps[a, b, 0]) - np.arctan2(gap[1], gap[0]))
+                turn = Motion(angle, np.zeros(2))
+                middle = 0.5 * (seen.place[i] + seen.place[j])
+                motion = Motion(angle, 0.5 * (places[a] + places[b]) - turn.apply(middle))
+                agreed = agreement(seen, motion, places, fits)
+                if agreed > count:
+                    best, count = motion, agreed
+    return best, count
