@@ -2,7 +2,7 @@
 # Variables: PYTHON=python3.12 (the interpreter), PYTEST_ARGS='-k evidence', KEEP=1 (the demo goes on serving).
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint bench lock protobuf clean
+.PHONY: help setup demo test lint bench figures lock protobuf clean
 
 export PYTHON
 BIN := .venv/bin
@@ -30,6 +30,9 @@ lint: setup ## Check style, types and the import rules
 
 bench: setup ## Measure the filter's step, the ingest and the aggregation on this machine
 	@$(BIN)/slamcu-eval bench $(BENCH_ARGS)
+
+figures: setup ## Measure again what the documentation quotes (STAGES='paper plots'; MRCLAM_DIR=...: recorded robots too)
+	@scripts/figures $(STAGES)
 
 lock: ## Write requirements.lock anew (needs uv)
 	scripts/lock

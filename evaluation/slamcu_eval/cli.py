@@ -23,6 +23,7 @@ COMMANDS: tuple[str, ...] = (
     "slamcu_eval.commands.ablation",
     "slamcu_eval.commands.demo",
     "slamcu_eval.commands.bench",
+    "slamcu_eval.commands.plots",
 )
 
 

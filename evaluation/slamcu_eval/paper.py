@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from slamcu_core.drive import DetectionFrame
 from slamcu_core.filter import FeatureEstimate, FilterParameters, SlamcuFilter
 from slamcu_core.reports import PassReport
+from slamcu_eval.curves import feature_curves
 from slamcu_eval.highway import Drive, HighwayParameters, World, make_drive, make_world
 from slamcu_eval.machine import machine
 from slamcu_eval.oracle import oracle_errors, single_sighting_errors
@@ -226,6 +227,7 @@ def paper_figures(outcomes: Sequence[Outcome], particles: int) -> dict[str, Any]
             "p99": float(np.percentile(steps, 99)),
         },
         "particles": particles,
+        "curves": feature_curves([record for outcome in outcomes for record in outcome.records]),
         "health": trust_figures([outcome.trust for outcome in outcomes]),
         "machine": machine(),
     }

@@ -12,7 +12,7 @@ from rich.table import Table
 from slamcu_core.errors import SlamcuError
 from slamcu_eval.ablation import FULL, VARIANTS, ablation_figures, run_ablation
 from slamcu_eval.commands.mrclam import numbers
-from slamcu_eval.console import console, progress, share, write_json
+from slamcu_eval.console import console, progress, write_json
 from slamcu_eval.mrclam.files import MissingRecordingError
 from slamcu_eval.mrclam.robots import Setting
 
@@ -74,26 +74,27 @@ def _names(only: list[str] | None) -> list[str]:
 
 def _table(world: str, variants: dict[str, Any]) -> Table:
     first = next(iter(variants.values()))
-    table = Table(title=f"What each part is worth: {world}, {first['drives']} drives, {first['features']} features")
-    table.add_column("variant")
-    for column in ("right", "change", "false new", "new off by", "in ellipse", "pose", "diverged", "step"):
-        table.add_column(column, justify="right", no_wrap=True)
-    for variant in variants.values():
+    title = f"What each part is worth: {world}, {first['drives']} drives, {first['features']} features"
+    table = Table(title=title, box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    table.caption = (
+        "right and inside their 95 % ellipse in %, change of right against the first row in points with its 95 % "
+        "interval by drive, false new a drive, mean error of new features and median pose error in m, mean step in ms"
+    )
+    table.add_column("variant", min_width=16)
+    for column in ("right", "change", "interval", "false", "off", "in", "pose", "lost", "step"):
+        table.add_column(column, justify="right")
+    for name, variant in variants.items():
+        low, high = variant["accuracy_change_ci95"]
         table.add_row(
             variant["label"],
-            share(variant["accuracy"]),
-            change(variant),
+            f"{100 * variant['accuracy']:.1f}",
+            "" if name == FULL else f"{100 * variant['accuracy_change']:+.1f}",
+            "" if name == FULL else f"{100 * low:+.1f} {100 * high:+.1f}",
             f"{variant['false_new_per_drive']:.1f}",
-            f"{variant['new_position_error_m']:.2f} m",
-            share(variant["ellipse95_coverage"]),
-            f"{variant['pose_rmse_median_m']:.2f} m",
+            f"{variant['new_position_error_m']:.2f}",
+            f"{100 * variant['ellipse95_coverage']:.0f}",
+            f"{variant['pose_rmse_median_m']:.2f}",
             str(variant["diverged_drives"]),
-            f"{variant['step_ms']:.2f} ms",
+            f"{variant['step_ms']:.1f}",
         )
     return table
-
-
-def change(variant: dict[str, Any]) -> str:
-    """Return a change of accuracy in points with its interval."""
-    low, high = variant["accuracy_change_ci95"]
-    return f"{100 * variant['accuracy_change']:+.1f} ({100 * low:+.1f} to {100 * high:+.1f})"
