@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,12 @@ class Seen:
     sign: Index
     value: Index
     confidence: Array
+
+    def keep(self, which: NDArray[np.bool_]) -> Seen:
+        """Return only some of the detections, (D,)."""
+        if which.all():
+            return self
+        return Seen(*(getattr(self, item.name)[which] for item in fields(self)))
 
 
 def read_detections(model: SensorModel, items: tuple[Detection, ...], names: Vocabulary) -> Seen:

@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+_TURN = 0.25  # rad, and
+_SHIFT_M = 0.5  # m: motions nearer than this are the same answer
+
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
@@ -97,9 +100,15 @@ def agreement(seen: Constellation, motion: Motion, places: Array, fits: NDArray[
     return int(min(close.any(axis=1).sum(), close.any(axis=0).sum()))
 
 
-def search(seen: Constellation, places: Array, fits: NDArray[np.bool_]) -> tuple[Motion | None, int]:
-    """Return the motion that lays most things seen on features of the map (F, 2), and how many."""
-    best, count = None, 0
+def search(seen: Constellation, places: Array, fits: NDArray[np.bool_]) -> tuple[Motion | None, int, int]:
+    """Find the motion that lays most things seen on features of the map (F, 2).
+
+    Returns
+    -------
+    The motion, how many things agree with it, and how many agree with the best motion that is another one: an arena
+    full of like things repeats itself.
+    """
+    found: list[tuple[int, Motion]] = []
     gaps = places[None, :] - places[:, None]  # (F, F, 2) from a to b
     lengths = np.hypot(gaps[..., 0], gaps[..., 1])
     for i in range(len(seen.place)):
@@ -113,7 +122,16 @@ def search(seen: Constellation, places: Array, fits: NDArray[np.bool_]) -> tuple
                 turn = Motion(angle, np.zeros(2))
                 middle = 0.5 * (seen.place[i] + seen.place[j])
                 motion = Motion(angle, 0.5 * (places[a] + places[b]) - turn.apply(middle))
-                agreed = agreement(seen, motion, places, fits)
-                if agreed > count:
-                    best, count = motion, agreed
-    return best, count
+                found.append((agreement(seen, motion, places, fits), motion))
+    if not found:
+        return None, 0, 0
+    agreed, best = max(found, key=lambda item: item[0])
+    centre = seen.place.mean(axis=0)
+    rivals = [count for count, motion in found if not same(motion, best, centre)]
+    return best, agreed, max(rivals, default=0)
+
+
+def same(first: Motion, second: Motion, place: Array) -> bool:
+    """Return whether two motions are nearly one, as seen at a place (2,)."""
+    turn = (first.angle - second.angle + np.pi) % (2.0 * np.pi) - np.pi
+    return bool(abs(turn) < _TURN and np.hypot(*(first.apply(place) - second.apply(place))) < _SHIFT_M)

@@ -27,8 +27,9 @@ from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.passes import PassReporter
 from slamcu_core.filter.prediction import Travel, predict
-from slamcu_core.filter.relocation import Memory, Motion, Sighting, agreement, search
+from slamcu_core.filter.relocation import Memory, Motion, Sighting, agreement, same, search
 from slamcu_core.filter.resampling import resample
+from slamcu_core.filter.riders import Riders
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
 from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass
 from slamcu_core.hd_map import HDMap
@@ -116,6 +117,9 @@ class SlamcuFilter:
         self._travel = Travel()
         self._memory = Memory(_MEMORY_S)
         self._last_search = -np.inf
+        self._candidate: Motion | None = None
+        self._riders = Riders()
+        self._odometer = 0.0  # m
         self._reckoned = np.zeros((1, 3))  # dead reckoning: drifts, but never jumps
 
     def _install(self, model: SensorModel) -> _Sensor:
@@ -174,6 +178,7 @@ class SlamcuFilter:
     def _predict(self) -> None:
         predict(self._particles, self._travel, self.parameters.motion, self._rng)
         travel = self._travel
+        self._odometer += abs(travel.distance)
         self._reckoned = advance(self._reckoned, np.array([travel.distance]), np.array([travel.turn]))
         self._travel = Travel()
 
@@ -200,6 +205,7 @@ class SlamcuFilter:
         self._around.refresh(mean_state[:2], self._particles)
         rows = self._reachable(sensor, mean_state[:3])
         if len(rows) or len(record.items):
+            seen = seen.keep(~self._riders.flag(sensor.model, seen, self._odometer))
             weights = self._particles.weights
             occluders = sensor.occluders if record.t - sensor.occluders_at < 0.2 else ()
             view = sensor.update.look(rows, weights, mean_state[:3], occluders)
@@ -287,10 +293,16 @@ class SlamcuFilter:
         reckoned = self._reckoned[0]
         here = Motion(float(mean[2] - reckoned[2]), np.zeros(2))
         here = Motion(here.angle, mean[:2] - here.apply(reckoned[:2]))
-        motion, agreed = search(seen, table.xy[rows], fits)
-        needed = max(_AGREEMENT, _SHARE * len(seen.place), agreement(seen, here, table.xy[rows], fits) + _BETTER_BY)
-        if motion is None or agreed < needed:
+        motion, agreed, rival = search(seen, table.xy[rows], fits)
+        needed = max(
+            _AGREEMENT, _SHARE * len(seen.place), agreement(seen, here, table.xy[rows], fits) + _BETTER_BY, rival + 1
+        )
+        before, self._candidate = self._candidate, None
+        if motion is None or agreed < needed or same(motion, here, reckoned[:2]):
             return
+        self._candidate = motion
+        if before is None or not same(motion, before, reckoned[:2]):
+            return  # let the next search say it again: chance agreements do not last
         std = float(seen.std.mean())
         spread = float(np.hypot(*seen.place.std(axis=0)))
         self._particles.restart(
@@ -299,6 +311,7 @@ class SlamcuFilter:
         self._management.start_over()
         self._monitor.reset()
         self._memory.clear()
+        self._candidate = None
         self._around.refresh(motion.apply(reckoned[:2]), self._particles, force=True)
 
     def _close(self, rows: list[int]) -> list[PassReport]:
