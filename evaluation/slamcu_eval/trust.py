@@ -1,8 +1,9 @@
 """Whether the filter knew when it was lost: its verdict on itself, report by report, beside the truth.
 
-A report is *wrong* if it contradicts the truth: it denies a feature that stands, confirms one that is gone, tells of a
-new one where none is, or takes back a new one that is there. A run is *lost* from the first moment at which its pose is
-off by more than the limit that makes a run diverged.
+A report says of a feature what has the largest mass by this pass alone; a tentative one says nothing. It is *wrong* if
+it contradicts the truth: it denies a feature that stands, confirms one that is gone, tells of a new one where none is,
+or takes back a new one that is there. A run is *lost* from the first moment at which its pose is off by more than the
+limit that makes a run diverged.
 """
 
 from __future__ import annotations
@@ -15,14 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.reports import DetectionStatus, PassReport
+from slamcu_core.evidence import Existence, Masses
+from slamcu_core.reports import PassReport
 from slamcu_eval.score import Fact
 
 Array = NDArray[np.float64]
 ToLocal = Callable[[float, float], Array]  # longitude, latitude (degrees) to (2,) m in the frame of the facts
-
-_SEEN = (DetectionStatus.EXPECTED_AND_DETECTED, DetectionStatus.NOT_EXPECTED_AND_DETECTED)
-_NOT_SEEN = (DetectionStatus.EXPECTED_AND_NOT_DETECTED, DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +83,9 @@ class _Judge:
         self._to_local, self._radius = to_local, radius_m
 
     def wrong(self, report: PassReport) -> bool:
-        """Tell whether a report contradicts the truth; a blocked view contradicts nothing."""
-        if report.status not in _SEEN + _NOT_SEEN:
+        """Tell whether a report contradicts the truth; one that tells too little contradicts nothing."""
+        said = Masses.from_weights(report.weight_for, report.weight_against).state
+        if said is Existence.TENTATIVE:
             return False
         if report.reference is not None:
             there = self._stands.get(report.reference.object_id, False)
@@ -94,7 +94,7 @@ class _Judge:
             there = bool((np.hypot(*(self._new - place).T) <= self._radius).any())
         else:
             return False
-        return there != (report.status in _SEEN)
+        return there != (said is Existence.EXISTENT)
 
 
 def lost_at(times: Array, errors: Array, limit_m: float) -> float:

@@ -95,6 +95,16 @@ def all_stand(table: Any, rows: Index, _speed: float, parameters: Any) -> NDArra
     return np.asarray(table.hits[rows] >= parameters.minimum_hits)
 
 
+def nothing_rides(_self: object, _model: object, seen: Any, _odometer: float) -> NDArray[np.bool_]:
+    """Stand in for `Riders.flag`: every detection is taken to belong to the road."""
+    return np.zeros(len(seen.measurement), dtype=bool)
+
+
+def no_way_back(*_arguments: object) -> tuple[None, int, int]:
+    """Stand in for `relocation.search`: no better pose is found."""
+    return None, 0, 0
+
+
 class WeighsDeleted(FrameUpdate):
     """A frame update in which every associated map feature weighs the particles, Deleted or not."""
 

@@ -62,6 +62,11 @@ _ALL = (
         "a find need not prove that it stands still",
         swaps=((f"{CORE}.existence", "stands_still", parts.all_stand),),
     ),
+    Variant(
+        "no_riders",
+        "what rides along with traffic is not looked for",
+        swaps=((f"{CORE}.riders:Riders", "flag", parts.nothing_rides),),
+    ),
     # sections 4.3.1 and 4.3.4: what goes with what
     Variant(
         "greedy_association",
@@ -88,6 +93,11 @@ _ALL = (
         swaps=((f"{CORE}.proposal", "pays", parts.never_pays),),
     ),
     Variant("no_jitter", "copies of a particle are not spread", _set(jitter=0.0)),
+    Variant(
+        "no_recovery",
+        "a lost filter does not look for the way back",
+        swaps=((f"{CORE}.slamcu", "search", parts.no_way_back),),
+    ),
     Variant("no_outliers", "weights take no association for wrong", _set(outlier_share=0.0)),
     # what differs between vehicles
     Variant(
