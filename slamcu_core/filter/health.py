@@ -6,7 +6,8 @@ from slamcu_core.reports import Health
 
 _MEMORY = 30.0  # looks over which the statistics are averaged
 _ENOUGH = 8.0  # looks before they say anything
-_EXPLAINED = 0.4  # share of detections that the map must explain, or of its promises that must be kept
+_DOUBT = 0.4  # share of detections that the map must explain, and of its promises that must be kept, to be in no doubt
+_LOST = 0.3  # below this in both, reports are not to be believed
 
 
 class HealthMonitor:
@@ -43,15 +44,20 @@ class HealthMonitor:
         self._expected = keep * self._expected + share * expected
         self._found = keep * self._found + share * found
 
+    def _astray(self, share: float) -> bool:
+        """Return whether the map explains less than a share of what is seen and keeps less of what it promises."""
+        enough = min(self._detections, self._expected) > _ENOUGH
+        return enough and self._found < share * min(self._detections, self._expected)
+
     @property
     def doubtful(self) -> bool:
-        """Whether the map explains little of what is seen: a reason to look for a better pose."""
-        return self._detections > _ENOUGH and self._found < _EXPLAINED * self._detections
+        """Whether there is reason to look for a better pose."""
+        return self._astray(_DOUBT)
 
     @property
     def lost(self) -> bool:
-        """Whether, besides, little of what the map promises is found."""
-        return self.doubtful and self._expected > _ENOUGH and self._found < _EXPLAINED * self._expected
+        """Whether reports are not to be believed."""
+        return self._astray(_LOST)
 
     def state(self, effective_share: float) -> Health:
         """Return the health of the moment; `effective_share` is M_eff / M."""

@@ -213,7 +213,7 @@ class SlamcuFilter:
             self._manage(sensor, view, seen, now)
             self._resample()
             self._remember(sensor.model, seen, now)
-            if self._monitor.lost and record.t - self._last_search > _SEARCH_INTERVAL_S:
+            if self._monitor.doubtful and record.t - self._last_search > _SEARCH_INTERVAL_S:
                 self._last_search = record.t
                 self._find_the_way_back()
         else:
