@@ -24,7 +24,7 @@ class Variant:
     label: str
     change: Change = lambda parameters: parameters
     swaps: tuple[Swap, ...] = ()
-    on_robots: bool = True  # False: recorded robots have no GNSS and no occluders, so nothing would change
+    on_robots: bool = True  # False: a matter of roads, with GNSS, trucks and a camera's range bias
 
 
 def _set(**fields: Any) -> Change:
@@ -61,11 +61,13 @@ _ALL = (
         "moving_signs",
         "a find need not prove that it stands still",
         swaps=((f"{CORE}.existence", "stands_still", parts.all_stand),),
+        on_robots=False,
     ),
     Variant(
         "no_riders",
         "what rides along with traffic is not looked for",
         swaps=((f"{CORE}.riders:Riders", "flag", parts.nothing_rides),),
+        on_robots=False,
     ),
     # sections 4.3.1 and 4.3.4: what goes with what
     Variant(
@@ -98,7 +100,7 @@ _ALL = (
         "a lost filter does not look for the way back",
         swaps=((f"{CORE}.slamcu", "search", parts.no_way_back),),
     ),
-    Variant("no_outliers", "weights take no association for wrong", _set(outlier_share=0.0)),
+    Variant("no_outliers", "weights take no association for wrong", _set(outlier_share=0.0), on_robots=False),
     # what differs between vehicles
     Variant(
         "no_odometry_constants",
@@ -109,8 +111,14 @@ _ALL = (
         "no_calibration",
         "range scale and bearing bias are not estimated",
         _set(range_scale_std=0.0, bearing_bias_std=0.0),
+        on_robots=False,
     ),
-    Variant("no_pass_bias", "nothing is constant within a pass", _set(pass_range_std=0.0, pass_bearing_std=0.0)),
+    Variant(
+        "no_pass_bias",
+        "nothing is constant within a pass",
+        _set(pass_range_std=0.0, pass_bearing_std=0.0),
+        on_robots=False,
+    ),
     Variant("gnss_white", "GNSS errors are white noise, not a slow bias", _set(gnss_white_share=1.0), on_robots=False),
     Variant(
         "no_gnss",
