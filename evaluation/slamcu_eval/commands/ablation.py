@@ -75,7 +75,7 @@ def _names(only: list[str] | None) -> list[str]:
 def _table(world: str, variants: dict[str, Any]) -> Table:
     first = next(iter(variants.values()))
     title = f"What each part is worth: {world}, {first['drives']} drives, {first['features']} features"
-    table = Table(title=title, box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    table = Table(title=title, box=None, padding=(0, 1, 0, 0), pad_edge=False)
     table.caption = (
         "right and inside their 95 % ellipse in %, change of right against the first row in points with its 95 % "
         "interval by drive, false new a drive, mean error of new features and median pose error in m, mean step in ms"
