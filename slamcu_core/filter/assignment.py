@@ -27,8 +27,8 @@ def assign(score: Array) -> NDArray[np.intp]:
     if len(set(best[wanted].tolist())) == int(wanted.sum()):
         result[wanted] = best[wanted]
         return result
-    rows = np.flatnonzero(wanted)
-    columns = np.flatnonzero((score[rows] > 0.0).any(axis=0))
+    rows = (wanted).nonzero()[0]
+    columns = ((score[rows] > 0.0).any(axis=0)).nonzero()[0]
     gain = np.maximum(score[np.ix_(rows, columns)], 0.0)
     # a private dummy column of score 0 for each detection: staying alone is always possible
     cost = np.concatenate([-gain, np.zeros((len(rows), len(rows)))], axis=1)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.filter.assignment import assign
-from slamcu_core.filter.ekf import inverse_2x2
+from slamcu_core.filter.ekf import mahalanobis_square
 from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]
@@ -18,7 +19,7 @@ Array = NDArray[np.float64]
 class Marginal:
     """The predicted measurement of F features with the particles averaged out.
 
-    `mean` (F, 2) and `covariance` (F, 2, 2) are in measurement space and hold the spread of the particles, the
+    `mean` (2, F) and `covariance` (2, 2, F) are in measurement space and hold the spread of the particles, the
     feature's own uncertainty and the calibration's, but no measurement noise.
     """
 
@@ -27,12 +28,12 @@ class Marginal:
 
 
 def marginalise(model: SensorModel, predicted: Array, weights: Array, extra: Array) -> Marginal:
-    """Average predicted measurements (M, F, 2) over particles; `extra` (F, 2, 2) is added to their covariance."""
-    reference = predicted[int(np.argmax(weights))]
-    delta = model.innovation(predicted, reference)
-    offset = np.einsum("k,kfi->fi", weights, delta)
-    centred = delta - offset
-    covariance = np.einsum("k,kfi,kfj->fij", weights, centred, centred)
+    """Average predicted measurements (2, F, M) over particles; `extra` (2, 2, F) is added to their covariance."""
+    reference = predicted[:, :, int(weights.argmax())]
+    delta = model.innovation(predicted, reference[:, :, None])
+    offset = delta @ weights
+    delta -= offset[:, :, None]
+    covariance = np.einsum("ifk,jfk->ijf", delta * weights, delta)
     return Marginal(reference + offset, covariance + extra)
 
 
@@ -43,7 +44,7 @@ def associate(
 
     Parameters
     ----------
-    detections : (D, 2) measurements, and (D, 2) variances of R.
+    detections : (2, D) measurements, and (2, D) variances of R.
     marginal : predicted measurements of the features.
     log_prior : (D, F) log of how likely the feature shows itself, with the fit of class, sign and value; -inf where
         a detection cannot be that feature.
@@ -54,13 +55,12 @@ def associate(
     The feature of each detection or -1, (D,), and the normalised innovations squared, (D, F).
     """
     measurements, noise = detections
-    nu = model.innovation(measurements[:, None, :], marginal.mean[None, :, :])
-    covariance = np.repeat(marginal.covariance[None], len(measurements), axis=0)
-    covariance[..., 0, 0] += noise[:, None, 0]
-    covariance[..., 1, 1] += noise[:, None, 1]
-    inverse, determinant = inverse_2x2(covariance)
-    square = np.einsum("dfi,dfij,dfj->df", nu, inverse, nu)
-    log_likelihood = -0.5 * square - np.log(2.0 * np.pi) - 0.5 * np.log(determinant)
-    score = log_prior + log_likelihood - np.log(model.clutter_density)
+    nu = model.innovation(measurements[:, :, None], marginal.mean[:, None, :])
+    covariance = np.repeat(marginal.covariance[:, :, None], measurements.shape[1], axis=2)
+    covariance[0, 0] += noise[0, :, None]
+    covariance[1, 1] += noise[1, :, None]
+    square, determinant = mahalanobis_square(nu, covariance)
+    # ln N(ν; 0, Q) - ln(clutter density)
+    score = log_prior - 0.5 * (square + np.log(determinant)) - (math.log(2.0 * math.pi) + model.log_clutter)
     score[square > gate] = -np.inf
     return assign(score), square

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from slamcu_core.evidence import Masses, conflict, support
 from slamcu_core.filter.calibration import SensorCalibration
+from slamcu_core.filter.ekf import inverse_2x2
 from slamcu_core.filter.estimates import FeatureEstimate
 from slamcu_core.filter.existence import State
 from slamcu_core.filter.map_management import MapManagement
@@ -47,9 +48,8 @@ class Beliefs:
         """
         table = self._table
         if table.kind[row] != Kind.NEW:
-            inverse = np.linalg.inv(table.seen_information[row])
-            _, state_covariance = self._particles.mean_state()
-            xy, covariance = inverse @ table.seen_vector[row], inverse + state_covariance[:2, :2]
+            inverse, _ = inverse_2x2(table.seen_information[row])
+            xy, covariance = inverse @ table.seen_vector[row], inverse + self._particles.place_covariance()
         elif table.slot[row] >= 0:
             xy, covariance = self._particles.collapse(int(table.slot[row]))
         else:
@@ -72,7 +72,7 @@ class Beliefs:
     def estimates(self) -> list[FeatureEstimate]:
         """Return what is believed of every feature of the map, also those never near, and of the car's own finds."""
         mapped = [self._mapped(feature, self._around.row_of(index)) for index, feature in enumerate(self._map)]
-        own = np.flatnonzero((self._table.kind == Kind.NEW) & self._table.alive)
+        own = ((self._table.kind == Kind.NEW) & self._table.alive).nonzero()[0]
         return mapped + [self._found(row) for row in own.tolist()]
 
     def _mapped(self, feature: MapFeature, row: int | None) -> FeatureEstimate:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -57,25 +59,35 @@ class SensorCalibration:
 
     def predict(self, particles: Particles, dt: float) -> None:
         """Let the calibration wander for `dt` seconds, in place."""
-        keep = np.exp(-dt / self._time_constant)
+        keep = math.exp(-dt / self._time_constant)
         particles.calibration *= keep
         self.variance = keep**2 * self.variance + (1.0 - keep**2) * self._stationary
 
     def measurement_variance(self, distance: Array) -> Array:
-        """Return what the calibration adds to the variance of range and bearing, shape (..., 2), at ranges in m."""
-        return np.stack([distance**2 * self.variance[0], np.full_like(distance, self.variance[1])], axis=-1)
+        """Return what the calibration adds to the variance of range and bearing, shape (2, ...), at ranges in m."""
+        variance = np.empty((2, *distance.shape))
+        variance[0] = distance * distance * self.variance[0]
+        variance[1] = self.variance[1]
+        return variance
 
     def update(self, particles: Particles, innovation: Array, distance: Array, noise: Array) -> None:
-        """Learn from one feature of the map, in place.
+        """Learn from A features of the map, in place.
 
         Parameters
         ----------
-        innovation : (M, 2) z - ẑ of each particle, the calibration so far included in ẑ.
-        distance : (M,) true range from each particle, m.
-        noise : (2,) variances of the measurement and of the map's place, already tempered.
+        innovation : (2, A, M) z - ẑ of each particle, the calibration so far included in ẑ.
+        distance : (A,) true range, averaged over the particles, m.
+        noise : (2, A) variances of the measurement and of the map's place, already tempered.
         """
-        mean_range = float(distance.mean())
-        slope = np.array([mean_range, 1.0])
-        gain = self.variance * slope / (slope**2 * self.variance + noise)
-        particles.calibration += gain * innovation
-        self.variance *= 1.0 - gain * slope
+        gain = np.empty_like(noise)
+        scale_variance, turn_variance = self.variance.tolist()
+        for index, (mean_range, (range_noise, bearing_noise)) in enumerate(
+            zip(distance.tolist(), noise.T.tolist(), strict=True)
+        ):
+            scale_gain = scale_variance * mean_range / (mean_range**2 * scale_variance + range_noise)
+            turn_gain = turn_variance / (turn_variance + bearing_noise)
+            scale_variance *= 1.0 - scale_gain * mean_range
+            turn_variance *= 1.0 - turn_gain
+            gain[:, index] = scale_gain, turn_gain
+        self.variance = np.array([scale_variance, turn_variance])
+        particles.calibration += np.matmul(gain[:, None], innovation)[:, 0].T

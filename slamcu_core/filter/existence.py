@@ -7,12 +7,13 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.evidence import masses_from_weights, support
+from slamcu_core.evidence import LAMBDA_MAX, masses_from_weights
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.table import FeatureTable, Kind
 
 Array = NDArray[np.float64]
 
+_LN_2 = float(np.log(2.0))
 _SCALE_ERROR = 0.06  # of our own speed; how fast a still sign may seem to move for errors of range
 _SLOWEST_MOVER = 0.5  # of our own speed; what moves along with traffic moves at least so fast
 _PERSISTENCE = 0.6  # of the sensor's P_D; a find detected more rarely than this is not one thing
@@ -32,22 +33,24 @@ def temper(dt: float, correlation_time: float) -> float:
     return 1.0 if correlation_time <= 0.0 else min(1.0, dt / correlation_time)
 
 
-def add_detections(table: FeatureTable, rows: NDArray[np.intp], confidence: Array, share: float, cap: float) -> None:
-    """Combine eq. 1 into detected rows (eq. 5); a row's evidence is capped by scaling both its weights."""
-    weight = share * support(confidence)
-    table.weight_for[rows] += weight
-    table.pass_for[rows] += weight
-    _cap(table, rows, cap)
+def add(table: FeatureTable, rows: NDArray[np.intp], weight_for: Array, weight_against: Array, cap: float) -> None:
+    """Combine weights of evidence into rows (eq. 5); a row's evidence is capped by scaling both its weights."""
+    table.pass_for[rows] += weight_for
+    table.pass_against[rows] += weight_against
+    total_for = table.weight_for[rows] + weight_for
+    total_against = table.weight_against[rows] + weight_against
+    top = np.maximum(total_for, total_against)
+    if top.max(initial=0.0) > cap:
+        scale = cap / np.maximum(top, cap)
+        total_for *= scale
+        total_against *= scale
+    table.weight_for[rows] = total_for
+    table.weight_against[rows] = total_against
 
 
-def add_misses(
-    table: FeatureTable, rows: NDArray[np.intp], probability: Array, parameters: FilterParameters, share: float
-) -> None:
-    """Combine eq. 2 into missed rows (eq. 5): the mass of a miss is λ · P(visible) · P_D, vacuous when occluded."""
-    weight = share * support(parameters.miss_confidence * probability)
-    table.weight_against[rows] += weight
-    table.pass_against[rows] += weight
-    _cap(table, rows, parameters.evidence_cap)
+def miss_weight(probability: Array, miss_confidence: float) -> Array:
+    """Return the weights of misses (eq. 2): their mass is λ · P(visible) · P_D, vacuous when occluded."""
+    return np.asarray(-np.log1p(-np.minimum(miss_confidence * probability, LAMBDA_MAX)))
 
 
 def detectability(table: FeatureTable, rows: NDArray[np.intp], nominal: float, concentration: float) -> Array:
@@ -61,16 +64,22 @@ def detectability(table: FeatureTable, rows: NDArray[np.intp], nominal: float, c
     return np.asarray((concentration * nominal + hit) / (concentration + hit + missed))
 
 
-def _cap(table: FeatureTable, rows: NDArray[np.intp], cap: float) -> None:
-    top = np.maximum(table.weight_for[rows], table.weight_against[rows])
-    scale = cap / np.maximum(top, cap)
-    table.weight_for[rows] *= scale
-    table.weight_against[rows] *= scale
-
-
 def masses(table: FeatureTable, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
     """Return the masses (e, n, u) of rows, with the map's prior (eq. 3) where they have one."""
     return masses_from_weights(table.prior[rows] + table.weight_for[rows], table.weight_against[rows])
+
+
+def exists(table: FeatureTable, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return whether existence is the largest mass of rows (section 4.3.3): e > n where f > a, e > u where f > ln 2."""
+    weight_for = table.prior[rows] + table.weight_for[rows]
+    return np.asarray((weight_for > table.weight_against[rows]) & (weight_for > _LN_2))
+
+
+def probability(table: FeatureTable, rows: NDArray[np.intp]) -> Array:
+    """Return e + u/2 of rows, (exp(f) - 1/2) / (exp(f) + exp(a) - 1), for evidence that is capped."""
+    weight_for = table.prior[rows] + table.weight_for[rows]
+    inverse = np.exp(-weight_for)
+    return np.asarray((1.0 - 0.5 * inverse) / (1.0 - inverse + np.exp(table.weight_against[rows] - weight_for)))
 
 
 def classify(table: FeatureTable, rows: NDArray[np.intp], stands: NDArray[np.bool_]) -> NDArray[np.str_]:

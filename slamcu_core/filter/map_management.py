@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.filter import existence
-from slamcu_core.filter.ekf import birth_covariance
+from slamcu_core.filter.ekf import apply, birth_covariance, sighting_information
 from slamcu_core.filter.existence import State
 from slamcu_core.filter.frame_update import Seen, View
 from slamcu_core.filter.neighbourhood import Neighbourhood
@@ -21,7 +21,8 @@ from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-Pairs = list[tuple[int, int]]
+
+_ROUNDING_S = 1e-6  # of sums of times
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,72 +47,121 @@ class MapManagement:
         self._votes: dict[int, Counter[tuple[int, int]]] = {}
         self._spare: list[int] = []  # rows of forgotten finds, to be used again
         self.open: set[int] = set()  # rows with an open pass
+        self._none_ends_before = 0.0  # s: no pass can have lasted its gap until then
 
-    def update_existence(self, model: SensorModel, view: View, seen: Seen, pairs: Pairs, now: Instant) -> None:
+    def update_existence(
+        self, model: SensorModel, view: View, seen: Seen, matched: tuple[Index, Index], now: Instant
+    ) -> None:
         """Update existence (4.3.2) by the detections of a frame.
 
-        Detected rows get eq. 1; rows that should have shown themselves and did not get eq. 2.
+        Detected rows get eq. 1; rows that should have shown themselves and did not get eq. 2. `matched` are the
+        detections (A,) and the columns (A,) of the view that they belong to.
         """
         table, parameters = self._table, self._parameters
         self._speed = now.speed
-        detections, columns = (np.array(side, dtype=np.intp) for side in ([d for d, _ in pairs], [c for _, c in pairs]))
+        detections, columns = matched
         hit = np.zeros(len(view.rows), dtype=bool)
         hit[columns] = True
         self._keep_passes(view, hit, now.t)
         hit_rows = view.rows[columns]
-        existence.add_detections(table, hit_rows, seen.confidence[detections], now.share, parameters.evidence_cap)
         looked = view.visible * (1.0 - view.hidden)
         chance = looked * existence.detectability(
             table, view.rows, model.sensor.detection_probability, parameters.detection_concentration
         )
-        missed = ~hit & (view.visible > 0.05)
-        existence.add_misses(table, view.rows[missed], chance[missed], parameters, now.share)
-        table.looks_missed[view.rows[missed]] += now.share * looked[missed]
+        missed = (~hit & (view.visible > 0.05)) * now.share
+        weight_for = np.zeros(len(hit))
+        weight_for[columns] = now.share * seen.weight[detections]
+        weight_against = missed * existence.miss_weight(chance, parameters.miss_confidence)
+        existence.add(table, view.rows, weight_for, weight_against, parameters.evidence_cap)
+        table.looks_missed[view.rows] += missed * looked
         table.hits[hit_rows] += 1
         table.last_hit[hit_rows] = now.t
-        for detection, column in pairs:
-            self._sight(model, int(view.rows[column]), seen, detection, now)
+        if len(hit_rows):
+            self._sight(model, hit_rows, seen, detections, now)
 
     def _keep_passes(self, view: View, hit: NDArray[np.bool_], t: float) -> None:
-        table = self._table
+        table, rows = self._table, view.rows
         looking = hit | (view.visible > 0.5)
-        for row in view.rows[looking & ~table.open[view.rows]].tolist():
-            table.begin_pass(row, t)
-            self.open.add(row)
+        fresh = rows[looking & ~table.open[rows]]
+        if len(fresh):
+            self._begin_passes(fresh, t)
         blocked = looking & ~hit & (view.hidden > 0.5)
-        table.pass_last[view.rows[looking]] = t
-        table.detected[view.rows[hit]] += 1
-        table.blocked[view.rows[blocked]] += 1
-        table.missed[view.rows[looking & ~hit & ~blocked]] += 1
+        table.pass_last[rows[looking]] = t
+        table.detected[rows] += hit
+        table.blocked[rows] += blocked
+        table.missed[rows] += looking & ~hit & ~blocked
 
-    def _sight(self, model: SensorModel, row: int, seen: Seen, detection: int, now: Instant) -> None:
-        """Note where a row was seen, for its report and for whether it stands still."""
+    def _begin_passes(self, rows: Index, t: float) -> None:
+        self._table.begin_passes(rows, t)
+        self.open.update(rows.tolist())
+
+    def out_of_view(self, t: float) -> list[int]:
+        """Return the rows with an open pass that have been out of view for the gap that ends a pass, in order."""
+        if t < self._none_ends_before:
+            return []
+        rows = np.array(sorted(self.open), dtype=np.intp)
+        last = self._table.pass_last[rows]
+        gap = self._parameters.pass_gap_s
+        gone = t - last > gap
+        self._none_ends_before = float(last[~gone].min(initial=t)) + gap - _ROUNDING_S
+        return [int(row) for row in rows[gone]]
+
+    def _sight(self, model: SensorModel, rows: Index, seen: Seen, detections: Index, now: Instant) -> None:
+        """Note where rows were seen, for their reports and for whether they stand still."""
         table = self._table
-        measured, noise = seen.measurement[detection], seen.noise[detection]
-        place = model.invert(now.pose, measured)
-        covariance = birth_covariance(model.feature_jacobian(now.pose, place), noise)
-        information = np.linalg.inv(covariance)
-        table.seen_information[row] += information
-        table.seen_vector[row] += information @ place
-        table.view_weight[row] += 1.0 / noise[0]
-        table.view_from[row] += now.pose[:2] / noise[0]
-        if table.kind[row] != Kind.NEW:
-            return
-        weight, since = 1.0 / noise[0], now.t - table.born[row]
+        measured, noise = seen.measurement[:, detections], seen.noise[:, detections]
+        pose = now.pose[:, None]
+        place = model.invert(pose, measured)
+        information = sighting_information(model.feature_jacobian(pose, place), noise)
+        weight = 1.0 / noise[0]
+        table.seen_information[rows] += information.transpose(2, 0, 1)
+        table.seen_vector[rows] += apply(information, place).T
+        table.view_weight[rows] += weight
+        table.view_from[rows] += weight[:, None] * now.pose[:2]
+        own = (table.kind[rows] == Kind.NEW).nonzero()[0]
+        if len(own):
+            self._track(model, rows[own], measured[:, own], weight[own], now)
+            self._vote(rows[own], seen, detections[own])
+
+    def _track(self, model: SensorModel, rows: Index, measured: Array, weight: Array, now: Instant) -> None:
+        """Add sightings (2, A) of finds to the regressions that tell whether they stand still."""
+        table = self._table
+        since = now.t - table.born[rows]
         # by dead reckoning, for a correction of the pose would look like motion
-        along = float((model.invert(now.reckoned, measured) - table.origin[row]) @ table.axis[row])
-        table.track[row] += weight * np.array([1.0, since, since**2, along, since * along])
-        if seen.sign[detection] or seen.value[detection]:
+        moved = model.invert(now.reckoned[:, None], measured).T - table.origin[rows]
+        along = (moved * table.axis[rows]).sum(axis=1)
+        table.track[rows] += (weight * np.array([np.ones_like(since), since, since**2, along, since * along])).T
+
+    def _vote(self, rows: Index, seen: Seen, detections: Index) -> None:
+        """Let detections that were read say what sign finds are."""
+        if not seen.named:
+            return
+        for index in ((seen.sign[detections] > 0) | (seen.value[detections] > 0)).nonzero()[0].tolist():
+            row, detection = int(rows[index]), detections[index]
             votes = self._votes.setdefault(row, Counter())
             votes[int(seen.sign[detection]), int(seen.value[detection])] += 1
-            table.sign[row], table.value[row] = votes.most_common(1)[0][0]
+            self._table.sign[row], self._table.value[row] = votes.most_common(1)[0][0]
+
+    def supports(self, rows: Index) -> NDArray[np.bool_]:
+        """Return whether rows are classed Normal or New (4.3.3), so that the car may localize on them (4.3.4)."""
+        table, kind = self._table, self._table.kind[rows]
+        usable = existence.exists(table, rows) & (kind != Kind.WATCH)
+        own = (usable & (kind == Kind.NEW) & ~table.reported[rows]).nonzero()[0]
+        if len(own):
+            usable[own] = self._proven(rows[own])
+        return usable
+
+    def _proven(self, rows: Index) -> NDArray[np.bool_]:
+        """Return whether finds have proven to be one thing that stands still."""
+        stands = existence.stands_still(self._table, rows, self._speed, self._parameters)
+        return np.asarray(stands & existence.shows_itself(self._table, rows))
 
     def classify(self, rows: Index) -> NDArray[np.str_]:
         """Return the class of rows (4.3.3); a find is New only when it has proven to be one thing that stands still."""
         table = self._table
-        proven = existence.stands_still(table, rows, self._speed, self._parameters)
-        proven &= existence.shows_itself(table, rows)
-        return existence.classify(table, rows, proven | (table.kind[rows] != Kind.NEW) | table.reported[rows])
+        return existence.classify(
+            table, rows, self._proven(rows) | (table.kind[rows] != Kind.NEW) | table.reported[rows]
+        )
 
     def give_birth(self, model: SensorModel, seen: Seen, detection: int, now: Instant) -> None:
         """Register an unassociated detection as a new feature with vacuous existence (eq. 4), in every particle."""
@@ -119,14 +169,15 @@ class MapManagement:
         if slot is None:
             return
         particles, table = self._particles, self._table
-        measured = np.broadcast_to(seen.measurement[detection], (len(particles), 2)).copy()
+        measured = np.repeat(seen.measurement[:, detection, None], len(particles), axis=1)
         if model.has_bearing:
-            measured[:, 0] /= 1.0 + particles.calibration[:, 0]
-            measured[:, 1] -= particles.calibration[:, 1]
-        place = model.invert(particles.pose, measured)
-        noise = np.broadcast_to(seen.noise[detection] / now.share, place.shape)
-        particles.mean[:, slot] = place
-        particles.covariance[:, slot] = birth_covariance(model.feature_jacobian(particles.pose, place), noise)
+            measured[0] /= 1.0 + particles.calibration[:, 0]
+            measured[1] -= particles.calibration[:, 1]
+        pose = particles.pose
+        place = model.invert(pose, measured)
+        noise = seen.noise[:, detection, None] / now.share
+        particles.means[:, slot] = place
+        particles.covariances[:, :, slot] = birth_covariance(model.feature_jacobian(pose, place), noise)
         codes = {
             "feature_class": int(seen.feature_class[detection]),
             "sign": int(seen.sign[detection]),
@@ -137,20 +188,21 @@ class MapManagement:
         table.nominal[row] = model.sensor.detection_probability
         table.born[row] = table.last_hit[row] = now.t
         table.hits[row] = 1
-        table.xy[row] = particles.weights @ place
+        table.xy[row] = place @ particles.weights
         table.axis[row] = np.cos(now.reckoned[2]), np.sin(now.reckoned[2])
         table.origin[row] = now.reckoned[:2]
-        table.begin_pass(row, now.t)
+        self._begin_passes(np.array([row]), now.t)
         table.pass_last[row] = now.t
         table.detected[row] = 1
-        self.open.add(row)
-        self._sight(model, row, seen, detection, now)
+        self._sight(model, np.array([row]), seen, np.array([detection]), now)
         self._around.rows = np.append(self._around.rows, row)
 
     def forget_refuted(self, rows: Index) -> None:
         """Forget finds that the evidence speaks against before anybody was told of them."""
         table = self._table
         own = rows[(table.kind[rows] == Kind.NEW) & ~table.reported[rows]]
+        if not len(own):
+            return
         for row in own[table.weight_against[own] - table.weight_for[own] > 1.0].tolist():
             self._forget(row)
 

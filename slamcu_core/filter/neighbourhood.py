@@ -39,16 +39,21 @@ class Neighbourhood:
         self._centre = place.copy()
         lon, lat = self.frame.to_geographic(place)
         near = self._map.near(float(lon), float(lat), self._reach + 2.0 * _STEP_M)
-        mapped = np.array([self._ensure(int(index)) for index in near], dtype=np.intp)
+        mapped = self._mapped(near)
         self.rows = np.concatenate([mapped, self._own(place, particles)])
         return True
 
-    def _ensure(self, index: int) -> int:
-        row = self._row_of.get(index)
-        if row is not None:
-            return row
-        feature = self._map.features[index]
-        names, table = self._names, self._table
+    def _mapped(self, indices: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the rows of map features, made for those that the car has not been near before."""
+        new = [index for index in indices.tolist() if index not in self._row_of]
+        if new:
+            xy = self.frame.to_local(*self._map.lonlat[new].T)
+            for index, place in zip(new, xy, strict=True):
+                self._row_of[index] = self._add(index, place)
+        return np.array([self._row_of[index] for index in indices.tolist()], dtype=np.intp)
+
+    def _add(self, index: int, place: Array) -> int:
+        feature, names, table = self._map.features[index], self._names, self._table
         row = table.add(
             Kind.WATCH if feature.watched else Kind.MAP,
             feature_class=names.code(feature.feature_class),
@@ -57,19 +62,18 @@ class Neighbourhood:
             prior=0.0 if feature.watched else float(support(feature.existence_confidence)),
         )
         table.source[row] = index
-        table.xy[row] = self.frame.to_local(feature.lon, feature.lat)
+        table.xy[row] = place
         table.covariance[row] = np.eye(2) * feature.position_std_m**2
-        self._row_of[index] = row
         return row
 
     def _own(self, place: Array, particles: Particles) -> NDArray[np.intp]:
         """Return the car's own finds that are near; wake those that came back, collapse those left behind."""
         table = self._table
-        own = np.flatnonzero((table.kind == Kind.NEW) & table.alive)
+        own = ((table.kind == Kind.NEW) & table.alive).nonzero()[0]
         live = table.slot[own] >= 0
         if len(own):
             weights = particles.weights
-            table.xy[own[live]] = np.einsum("k,kli->li", weights, particles.mean[:, table.slot[own[live]]])
+            table.xy[own[live]] = (particles.means[:, table.slot[own[live]]] @ weights).T
         distance = np.hypot(*(table.xy[own] - place).T)
         for row in own[live & (distance > self._reach + _KEEP_M)]:
             table.xy[row], table.covariance[row] = particles.collapse(int(table.slot[row]))
@@ -77,7 +81,8 @@ class Neighbourhood:
         for row in own[~live & (distance < self._reach + 2.0 * _STEP_M)]:
             slot = self.free_slot(particles)
             if slot is not None:
-                particles.mean[:, slot], particles.covariance[:, slot] = table.xy[row], table.covariance[row]
+                particles.means[:, slot] = table.xy[row][:, None]
+                particles.covariances[:, :, slot] = table.covariance[row][..., None]
                 table.slot[row] = slot
         return own[table.slot[own] >= 0]
 
@@ -85,8 +90,10 @@ class Neighbourhood:
         """Return a slot of the particles' arrays that no row uses, or None."""
         table = self._table
         used = table.slot[(table.kind == Kind.NEW) & table.alive]
-        free = np.setdiff1d(np.arange(particles.mean.shape[1]), used)
-        return int(free[0]) if len(free) else None
+        taken = np.zeros(particles.means.shape[1] + 1, dtype=bool)  # one more that is always free
+        taken[used[used >= 0]] = True
+        slot = int(taken.argmin())
+        return slot if slot < len(taken) - 1 else None
 
     def reanchor(self, place: Array, particles: Particles) -> bool:
         """Move the local frame to `place` if that is far from its anchor, carrying rows and particles along."""
@@ -106,9 +113,9 @@ class Neighbourhood:
         swivel = np.eye(3)
         swivel[:2, :2] = rotation
         if particles.pending is not None:
-            particles.pending = swivel @ particles.pending
-        particles.mean = move(particles.mean)
-        particles.covariance = rotation @ particles.covariance @ rotation.T
+            particles.pending = np.einsum("ij,jak->iak", swivel, particles.pending)
+        particles.means = np.moveaxis(move(np.moveaxis(particles.means, 0, -1)), -1, 0).copy()
+        particles.covariances = np.einsum("ij,jkls,mk->imls", rotation, particles.covariances, rotation)
         particles.gnss_bias = particles.gnss_bias @ rotation.T
         table = self._table
         table.xy[:] = move(table.xy)

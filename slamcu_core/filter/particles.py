@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slamcu_core.filter.ekf import apply
 from slamcu_core.geometry import wrap_angle
 from slamcu_core.models import MotionNoise
 
@@ -17,17 +18,18 @@ Array = NDArray[np.float64]
 class Particles:
     """M particles with up to L live new features (eq. 11, 13).
 
-    The columns of `state` are sampled: x, y (m), heading (rad), speed scale, yaw scale, yaw bias (rad/s). The rest is
-    Rao-Blackwellized: given a particle's path it is Gaussian, with its mean kept here.
+    Arrays over features and particles have the particles last and components first, so that what is done for all
+    particles runs along memory. The columns of `state` are sampled: x, y (m), heading (rad), speed scale, yaw scale, yaw bias
+    (rad/s). The rest is Rao-Blackwellized: given a particle's path it is Gaussian, with its mean kept here.
     """
 
     state: Array  # (M, 6)
     log_weight: Array  # (M,), unnormalised
-    mean: Array  # (M, L, 2) means μ of new features, m
-    covariance: Array  # (M, L, 2, 2) covariances Σ of new features, m²
+    means: Array  # (2, L, M) means μ of new features, m
+    covariances: Array  # (2, 2, L, M) covariances Σ of new features, m²
     gnss_bias: Array  # (M, 2) mean of the satellite receiver's bias, m
     calibration: Array  # (M, 2) mean range scale error and bearing bias (rad)
-    pending: Array | None = None  # (M, 3, 2): the pose waits for this times a standard normal (2,) to be added
+    pending: Array | None = None  # (3, 2, M): the pose waits for this times a standard normal (2,) to be added
 
     @classmethod
     def sample(
@@ -47,8 +49,8 @@ class Particles:
         return cls(
             state=mean + std * rng.standard_normal((count, 6)),
             log_weight=np.zeros(count),
-            mean=np.zeros((count, slots, 2)),
-            covariance=np.zeros((count, slots, 2, 2)),
+            means=np.zeros((2, slots, count)),
+            covariances=np.zeros((2, 2, slots, count)),
             gnss_bias=np.zeros((count, 2)),
             calibration=np.zeros((count, 2)),
         )
@@ -58,8 +60,8 @@ class Particles:
 
     @property
     def pose(self) -> Array:
-        """Poses (M, 3) of x, y, heading."""
-        return self.state[:, :3]
+        """Poses (3, M) of x, y, heading."""
+        return self.state[:, :3].T
 
     @property
     def weights(self) -> Array:
@@ -70,33 +72,53 @@ class Particles:
     @property
     def effective(self) -> float:
         """Effective number of particles, 1 / Σ ω² on normalised weights (eq. 20 with its erratum)."""
-        return float(1.0 / np.sum(self.weights**2))
+        weights = self.weights
+        return float(1.0 / (weights @ weights))
 
     def mean_state(self) -> tuple[Array, Array]:
         """Return the weighted mean (6,) and covariance (6, 6) of the sampled state, headings averaged as angles."""
         weights = self.weights
-        reference = self.state[int(np.argmax(weights))]
-        delta = self.state - reference
-        delta[:, 2] = wrap_angle(delta[:, 2])
-        offset = weights @ delta
-        centred = delta - offset
+        reference, delta, offset = self._about_the_best(weights)
+        delta -= offset
         mean = reference + offset
-        mean[2] = wrap_angle(float(mean[2]))
-        covariance = (centred * weights[:, None]).T @ centred
-        covariance[:3, :3] += self.pending_covariance()
+        mean[2] = wrap_angle(mean[2])
+        covariance = (delta * weights[:, None]).T @ delta
+        covariance[:3, :3] += self.pending_covariance(weights)
         return mean, covariance
 
-    def pending_covariance(self) -> Array:
+    def place_covariance(self) -> Array:
+        """Return the covariance (2, 2) of the position, m²."""
+        weights = self.weights
+        delta = self.state[:, :2] - weights @ self.state[:, :2]
+        return np.asarray((delta * weights[:, None]).T @ delta + self.pending_covariance(weights)[:2, :2])
+
+    def mean(self, weights: Array) -> Array:
+        """Return the weighted mean (6,) of the sampled state, headings averaged as angles."""
+        reference, _, offset = self._about_the_best(weights)
+        mean = reference + offset
+        mean[2] = wrap_angle(mean[2])
+        return np.asarray(mean)
+
+    def _about_the_best(self, weights: Array) -> tuple[Array, Array, Array]:
+        """Return the state (6,) of the best particle, what the others (M, 6) differ from it, and the mean of that."""
+        reference = self.state[int(weights.argmax())]
+        delta = self.state - reference
+        delta[:, 2] = wrap_angle(delta[:, 2])
+        return reference, delta, weights @ delta
+
+    def pending_covariance(self, weights: Array) -> Array:
         """Return the covariance (3, 3) that waits to be sampled, averaged over the particles."""
         if self.pending is None:
             return np.zeros((3, 3))
-        return np.asarray(np.einsum("k,kia,kja->ij", self.weights, self.pending, self.pending))
+        factor = self.pending.reshape(6, -1)
+        products = (factor * weights) @ factor.T  # of each entry with each other
+        return np.asarray(products[::2, ::2] + products[1::2, 1::2])
 
     def settle(self, rng: np.random.Generator) -> None:
         """Sample what is pending of the poses, in place."""
         if self.pending is not None:
-            draw = rng.standard_normal((len(self), 2, 1))
-            self.state[:, :3] += (self.pending @ draw)[..., 0]
+            draw = rng.standard_normal((len(self), 2))
+            self.state[:, :3] += apply(self.pending, draw.T).T
             self.pending = None
 
     def restart(
@@ -109,21 +131,27 @@ class Particles:
         self.log_weight = np.zeros(count)
         self.pending = None
 
-    def select(self, index: NDArray[np.intp]) -> None:
-        """Replace the particles by copies of those at `index` (M,), all of equal weight."""
+    def select(self, index: NDArray[np.intp], slots: NDArray[np.intp] | None = None) -> None:
+        """Replace the particles by copies of those at `index` (M,), all of equal weight.
+
+        `slots` are those in use; the others need not be copied. None: all.
+        """
         self.state = self.state[index]
-        self.mean = self.mean[index]
-        self.covariance = self.covariance[index]
+        if slots is None:
+            slots = np.arange(self.means.shape[1])
+        if len(slots):
+            self.means[:, slots] = self.means[:, slots[:, None], index]
+            self.covariances[:, :, slots] = self.covariances[:, :, slots[:, None], index]
         self.gnss_bias = self.gnss_bias[index]
         self.calibration = self.calibration[index]
         if self.pending is not None:
-            self.pending = self.pending[index]
+            self.pending = self.pending[..., index]
         self.log_weight = np.zeros(len(index))
 
     def collapse(self, slot: int) -> tuple[Array, Array]:
         """Return mean (2,) and covariance (2, 2) of one new feature over all particles: the moments of the mixture."""
         weights = self.weights
-        mean = weights @ self.mean[:, slot]
-        spread = self.mean[:, slot] - mean
-        covariance = np.einsum("k,kij->ij", weights, self.covariance[:, slot])
-        return mean, covariance + (spread * weights[:, None]).T @ spread
+        mean = self.means[:, slot] @ weights
+        spread = self.means[:, slot] - mean[:, None]
+        covariance = self.covariances[:, :, slot] @ weights
+        return mean, covariance + (spread * weights) @ spread.T

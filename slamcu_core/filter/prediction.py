@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from slamcu_core.filter.particles import Particles
-from slamcu_core.models import MotionNoise, advance
+from slamcu_core.models import MotionNoise, chord
 
 _MAX_TURN = 0.2  # rad; the path within one prediction is an arc, so keep it short
 _MAX_TIME = 0.5  # s
@@ -44,20 +45,21 @@ def predict(particles: Particles, travel: Travel, noise: MotionNoise, rng: np.ra
         return
     particles.settle(rng)
     state = particles.state
-    keep = np.exp(-travel.time / noise.constant_time_s)
-    wander = np.sqrt(1.0 - keep**2) * noise.constants_std * rng.standard_normal((len(particles), 3))
-    state[:, 3:] = _NOMINAL + keep * (state[:, 3:] - _NOMINAL) + wander
-    distance = travel.distance * state[:, 3]
-    turn = travel.turn * state[:, 4] + state[:, 5] * travel.time
-    moved = advance(particles.pose, distance, turn)
-    middle = state[:, 2] + 0.5 * turn
-    distance_std = noise.distance_std * np.sqrt(abs(travel.distance))
-    turn_std = np.sqrt(noise.turn_std**2 * abs(travel.turn) + noise.drift_std**2 * travel.time)
-    factor = np.zeros((len(particles), 3, 2))
-    factor[:, 0, 0], factor[:, 1, 0] = distance_std * np.cos(middle), distance_std * np.sin(middle)
+    keep = math.exp(-travel.time / noise.constant_time_s)
+    wander = math.sqrt(1.0 - keep**2) * noise.constants_std * rng.standard_normal((len(particles), 3))
+    state[:, 3:] = _NOMINAL * (1.0 - keep) + keep * state[:, 3:] + wander
+    x, y, heading, speed_scale, yaw_scale, yaw_bias = state.T
+    distance = travel.distance * speed_scale
+    turn = travel.turn * yaw_scale + yaw_bias * travel.time
+    along, across = chord(heading, distance, turn)
+    distance_std = noise.distance_std * math.sqrt(abs(travel.distance))
+    turn_std = math.sqrt(noise.turn_std**2 * abs(travel.turn) + noise.drift_std**2 * travel.time)
+    middle = heading + 0.5 * turn
+    factor = np.empty((3, 2, len(particles)))
+    factor[0, 0], factor[1, 0], factor[2, 0] = distance_std * np.cos(middle), distance_std * np.sin(middle), 0.0
     # a wrong turn swings the chord about its start by half of itself
-    factor[:, 0, 1] = -0.5 * turn_std * (moved[:, 1] - state[:, 1])
-    factor[:, 1, 1] = 0.5 * turn_std * (moved[:, 0] - state[:, 0])
-    factor[:, 2, 1] = turn_std
+    factor[0, 1], factor[1, 1], factor[2, 1] = -0.5 * turn_std * across, 0.5 * turn_std * along, turn_std
     particles.pending = factor
-    state[:, :3] = moved
+    x += along
+    y += across
+    heading += turn

@@ -10,27 +10,35 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.filter.ekf import inverse_2x2
+from slamcu_core.filter.ekf import apply, inverse_2x2, mahalanobis_square, product, transpose
 from slamcu_core.filter.particles import Particles
 
 Array = NDArray[np.float64]
 
 
 def noise_jacobian(by_pose: Array, pending: Array) -> Array:
-    """Return the Jacobian (M, A, 2, 2) of measurements with respect to the standard normal noise that is pending.
+    """Return the Jacobian (2, 2, A, M) of measurements with respect to the standard normal noise that is pending.
 
-    `by_pose` is ∂h/∂x (M, A, 2, 3) at the predicted pose, `pending` the factor (M, 3, 2) of the pose's noise.
+    `by_pose` is ∂h/∂x (2, 3, A, M) at the predicted pose, `pending` the factor (3, 2, M) of the pose's noise.
     """
-    return np.asarray(by_pose @ pending[:, None])
+    return product(by_pose, pending[:, :, None])
 
 
-def pays(by_noise: Array, covariance: Array) -> bool:
+def may_pay(unsettled: Array, noise: Array) -> bool:
+    """Return whether `pays` could say yes, from variances (2, A) at the mean pose, where it costs next to nothing.
+
+    R is less than the innovation's covariance; the margin is for the particles' differing from their mean.
+    """
+    return bool((unsettled / noise).mean(axis=1).max() > 0.05)
+
+
+def pays(by_noise: Array, variance: Array) -> bool:
     """Return whether conditioning is worth its time: the pending noise shows in the measurement at all.
 
-    `covariance` (M, A, 2, 2) is that of the innovations, without the pending noise.
+    `variance` (2, A, M) is that of the innovations, without the pending noise; `by_noise` is (2, 2, A, M).
     """
-    spread = np.sum(by_noise**2, axis=-1)
-    return bool((spread / np.diagonal(covariance, axis1=-2, axis2=-1)).mean(axis=(0, 1)).max() > 0.1)
+    spread = np.sum(by_noise**2, axis=1)
+    return bool((spread / variance).mean(axis=(1, 2)).max() > 0.1)
 
 
 def condition(
@@ -46,36 +54,37 @@ def condition(
 
     Parameters
     ----------
-    by_noise : (M, A, 2, 2) Jacobian with respect to the pending noise.
-    innovation : (M, A, 2) z - ẑ at the predicted pose.
-    covariance : (M, A, 2, 2) of the innovations, without the pending noise.
+    by_noise : (2, 2, A, M) Jacobian with respect to the pending noise.
+    innovation : (2, A, M) z - ẑ at the predicted pose.
+    covariance : (2, 2, A, M) of the innovations, without the pending noise.
     gate : chi-square threshold beyond which a particle takes a measurement as somebody else's.
 
     Returns
     -------
-    Log likelihoods (M, A) with the pending noise integrated out.
+    Log likelihoods (A, M) with the pending noise integrated out.
     """
     assert particles.pending is not None  # noqa: S101 - by_noise was made from it
-    count, measurements = innovation.shape[:2]
-    log_likelihood = np.empty((count, measurements))
-    mean = np.zeros((count, 2))
-    spread = np.broadcast_to(np.eye(2), (count, 2, 2))
+    measurements, count = innovation.shape[1:]
+    log_likelihood = np.empty((measurements, count))
+    mean = np.zeros((2, count))
+    spread = np.zeros((2, 2, count))
+    spread[0, 0] = spread[1, 1] = 1.0
     for index in range(measurements):
-        h = by_noise[:, index]
-        nu = innovation[:, index] - (h @ mean[..., None])[..., 0]
-        across = spread @ np.swapaxes(h, -1, -2)
-        inverse, determinant = inverse_2x2(h @ across + covariance[:, index])
-        square = np.einsum("ki,kij,kj->k", nu, inverse, nu)
-        log_likelihood[:, index] = -0.5 * square - np.log(2.0 * np.pi) - 0.5 * np.log(determinant)
-        gain = across @ inverse * (square < gate)[:, None, None]
-        mean = mean + (gain @ nu[..., None])[..., 0]
-        spread = spread - gain @ np.swapaxes(across, -1, -2)
-    draw = rng.standard_normal((count, 2))
-    first = np.sqrt(np.maximum(spread[:, 0, 0], 1e-12))
-    second = spread[:, 1, 0] / first
-    third = np.sqrt(np.maximum(spread[:, 1, 1] - second**2, 0.0))
-    mean[:, 1] += second * draw[:, 0] + third * draw[:, 1]
-    mean[:, 0] += first * draw[:, 0]
-    particles.state[:, :3] += (particles.pending @ mean[..., None])[..., 0]
+        h = by_noise[:, :, index]
+        nu = innovation[:, index] - apply(h, mean)
+        across = product(spread, transpose(h))
+        q = product(h, across) + covariance[:, :, index]
+        square, determinant = mahalanobis_square(nu, q)
+        log_likelihood[index] = -0.5 * square - np.log(2.0 * np.pi) - 0.5 * np.log(determinant)
+        gain = product(across, inverse_2x2(q)[0]) * (square < gate)
+        mean = mean + apply(gain, nu)
+        spread = spread - product(gain, transpose(across))
+    draw = rng.standard_normal((count, 2)).T
+    first = np.sqrt(np.maximum(spread[0, 0], 1e-12))
+    second = spread[1, 0] / first
+    third = np.sqrt(np.maximum(spread[1, 1] - second**2, 0.0))
+    mean[1] += second * draw[0] + third * draw[1]
+    mean[0] += first * draw[0]
+    particles.state[:, :3] += apply(particles.pending, mean).T
     particles.pending = None
     return log_likelihood

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +18,23 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+_MOST = 1000  # sightings remembered
 _TURN = 0.25  # rad, and
 _SHIFT_M = 0.5  # m: motions nearer than this are the same answer
 
 
 @dataclass(frozen=True, slots=True)
-class Sighting:
-    """One detection, placed by dead reckoning."""
+class Sightings:
+    """The detections of one frame, placed by dead reckoning."""
 
     t: float  # s
-    place: Array  # (2,) m, in the dead-reckoning frame
-    std: float  # m, larger axis
-    feature_class: int
-    sign: int
+    place: Array  # (D, 2) m, in the dead-reckoning frame
+    std: Array  # (D,) m, larger axis
+    feature_class: Index
+    sign: Index
+
+    def __len__(self) -> int:
+        return len(self.std)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,31 +60,40 @@ class Motion:
         return np.asarray(place @ np.array([[cos, sin], [-sin, cos]]) + self.shift)
 
 
+class _Sighting(NamedTuple):
+    place: Array  # (2,) m
+    std: float  # m
+    kind: tuple[int, int]  # class and sign
+
+
 class Memory:
     """The sightings of the last `window` seconds."""
 
     def __init__(self, window: float) -> None:
         self._window = window
-        self._sightings: deque[Sighting] = deque(maxlen=1000)
+        self._frames: deque[Sightings] = deque()
+        self._count = 0
 
-    def add(self, sighting: Sighting) -> None:
-        """Remember a sighting and forget those that are too old."""
-        self._sightings.append(sighting)
-        while self._sightings[0].t < sighting.t - self._window:
-            self._sightings.popleft()
+    def add(self, frame: Sightings) -> None:
+        """Remember the sightings of a frame and forget those that are too old or too many."""
+        self._frames.append(frame)
+        self._count += len(frame)
+        while self._frames[0].t < frame.t - self._window or self._count - len(self._frames[0]) >= _MOST:
+            self._count -= len(self._frames.popleft())
 
     def clear(self) -> None:
         """Forget everything."""
-        self._sightings.clear()
+        self._frames.clear()
+        self._count = 0
 
     def constellation(self) -> Constellation:
         """Merge sightings within three standard deviations of each other, and drop what was seen only once."""
-        groups: list[list[Sighting]] = []
-        for sighting in self._sightings:
+        groups: list[list[_Sighting]] = []
+        for sighting in self._sightings()[-_MOST:]:
             for group in groups:
                 last = group[-1]
                 near = np.hypot(*(sighting.place - last.place)) < 3.0 * np.hypot(sighting.std, last.std)
-                if near and (sighting.feature_class, sighting.sign) == (last.feature_class, last.sign):
+                if near and sighting.kind == last.kind:
                     group.append(sighting)
                     break
             else:
@@ -88,9 +102,18 @@ class Memory:
         return Constellation(
             np.array([np.mean([s.place for s in group], axis=0) for group in kept]).reshape(-1, 2),
             np.array([np.mean([s.std for s in group]) / np.sqrt(min(len(group), 4)) for group in kept]),
-            np.array([group[0].feature_class for group in kept], dtype=np.intp),
-            np.array([group[0].sign for group in kept], dtype=np.intp),
+            np.array([group[0].kind[0] for group in kept], dtype=np.intp),
+            np.array([group[0].kind[1] for group in kept], dtype=np.intp),
         )
+
+    def _sightings(self) -> list[_Sighting]:
+        return [
+            _Sighting(place, std, (feature_class, sign))
+            for frame in self._frames
+            for place, std, feature_class, sign in zip(
+                frame.place, frame.std.tolist(), frame.feature_class.tolist(), frame.sign.tolist(), strict=True
+            )
+        ]
 
 
 def agreement(seen: Constellation, motion: Motion, places: Array, fits: NDArray[np.bool_]) -> int:

@@ -7,7 +7,6 @@ One step follows the paper's Figure 5: predict (eq. 12), pre-associate (4.3.1), 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,6 @@ from slamcu_core.filter import existence
 from slamcu_core.filter.beliefs import Beliefs
 from slamcu_core.filter.calibration import GnssBias, SensorCalibration
 from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
-from slamcu_core.filter.existence import State
 from slamcu_core.filter.frame_update import FrameUpdate, Seen, View, read_detections
 from slamcu_core.filter.health import HealthMonitor
 from slamcu_core.filter.map_management import Instant, MapManagement
@@ -27,11 +25,11 @@ from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.passes import PassReporter
 from slamcu_core.filter.prediction import Travel, predict
-from slamcu_core.filter.relocation import Memory, Motion, Sighting, agreement, same, search
+from slamcu_core.filter.relocation import Memory, Motion, Sightings, agreement, same, search
 from slamcu_core.filter.resampling import resample
 from slamcu_core.filter.riders import Riders
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
-from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass
+from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass, wrap_angle
 from slamcu_core.hd_map import HDMap
 from slamcu_core.models import SensorModel, advance, yaw_rate_from_steering
 from slamcu_core.reports import Health, PassReport
@@ -52,7 +50,7 @@ class _Sensor:
 
     model: SensorModel
     update: FrameUpdate
-    classes: frozenset[int]
+    codes: Index  # of the classes that it detects
     last_frame: float = -np.inf
     occluders: tuple[Occluder, ...] = ()
     occluders_at: float = -np.inf
@@ -124,7 +122,9 @@ class SlamcuFilter:
 
     def _install(self, model: SensorModel) -> _Sensor:
         update = FrameUpdate(model, self._table, self._particles, self._calibration, self.parameters)
-        return _Sensor(model, update, frozenset(self._names.code(name) for name in model.sensor.classes))
+        return _Sensor(
+            model, update, np.array([self._names.code(name) for name in model.sensor.classes], dtype=np.intp)
+        )
 
     # --- what comes in ---------------------------------------------------------------------------------------------
 
@@ -199,17 +199,17 @@ class SlamcuFilter:
         self._advance(record.t)
         self._calibration.predict(self._particles, min(record.t - max(sensor.last_frame, 0.0), 1e6))
         sensor.last_frame = record.t
-        mean_state, _ = self._particles.mean_state()
-        if self._around.reanchor(mean_state[:2], self._particles):
-            mean_state, _ = self._particles.mean_state()
-        self._around.refresh(mean_state[:2], self._particles)
-        rows = self._reachable(sensor, mean_state[:3])
+        weights = self._particles.weights
+        pose = self._particles.mean(weights)[:3]
+        if self._around.reanchor(pose[:2], self._particles):
+            pose = self._particles.mean(weights)[:3]
+        self._around.refresh(pose[:2], self._particles)
+        rows = self._reachable(sensor, pose)
         if len(rows) or len(record.items):
             seen = seen.keep(~self._riders.flag(sensor.model, seen, self._odometer))
-            weights = self._particles.weights
             occluders = sensor.occluders if record.t - sensor.occluders_at < 0.2 else ()
-            view = sensor.update.look(rows, weights, mean_state[:3], occluders)
-            now = Instant(record.t, share, mean_state[:3], self._reckoned[0], self._speed)
+            view = sensor.update.look(rows, weights, pose, occluders)
+            now = Instant(record.t, share, pose, self._reckoned[0], self._speed)
             self._manage(sensor, view, seen, now)
             self._resample()
             self._remember(sensor.model, seen, now)
@@ -218,10 +218,7 @@ class SlamcuFilter:
                 self._find_the_way_back()
         else:
             self._particles.settle(self._rng)
-        gone = [
-            row for row in self._management.open if record.t - self._table.pass_last[row] > self.parameters.pass_gap_s
-        ]
-        return self._close(sorted(gone))
+        return self._close(self._management.out_of_view(record.t))
 
     def _reachable(self, sensor: _Sensor, pose: Array) -> Index:
         """Return the active rows that the sensor could see from near the mean pose."""
@@ -230,54 +227,51 @@ class SlamcuFilter:
             return rows
         table, spec = self._table, sensor.model.sensor
         xy = table.xy[rows]
-        own = table.slot[rows] >= 0
-        if own.any():
-            xy[own] = self._particles.mean[:, table.slot[rows[own]]].mean(axis=0)
-        distance, bearing = sensor.model.polar(pose, xy)
-        near = distance < spec.max_range_m + 10.0
-        ahead = (np.abs(bearing) < np.deg2rad(spec.fov_deg) / 2.0 + 0.2) | (distance < 5.0)
+        sight = sensor.model.sight(pose[:, None], xy.T)
+        near = sight.distance < spec.max_range_m + 10.0
+        ahead = (np.abs(wrap_angle(sight.bearing)) < sensor.model.half_angle + 0.2) | (sight.distance < 5.0)
         rows = rows[near & ahead & table.alive[rows]]
-        return np.asarray(rows[np.isin(table.feature_class[rows], list(sensor.classes))] if len(rows) else rows)
+        return np.asarray(rows[(table.feature_class[rows, None] == sensor.codes).any(axis=1)])
 
     def _manage(self, sensor: _Sensor, view: View, seen: Seen, now: Instant) -> None:
         """Take one frame through section 4.3 and 5.2-5.3."""
         table, management, update = self._table, self._management, sensor.update
         columns, squares = update.pre_associate(view, seen)
-        pairs = [(d, c) for d, c in enumerate(columns.tolist()) if c >= 0]
-        for detection, column in pairs:
-            # noise by the expected range: by the measured one, short readings would weigh more than long ones
-            seen.noise[detection] = sensor.model.noise(view.marginal.mean[column])
-        management.update_existence(sensor.model, view, seen, pairs, now)
+        detections = (columns >= 0).nonzero()[0]
+        matched = columns[detections]
+        # noise by the expected range: by the measured one, short readings would weigh more than long ones
+        seen.noise[:, detections] = sensor.model.noise(view.marginal.mean[:, matched])
+        shown = view.visible * (1.0 - view.hidden)
+        management.update_existence(sensor.model, view, seen, (detections, matched), now)
         # association with Normal and New only (4.3.4), by the classes after this frame's evidence (4.3.3)
-        rows = view.rows[[c for _, c in pairs]]
-        state, mine = management.classify(rows), table.kind[rows] == Kind.NEW
-        usable = ((state == State.NORMAL) | (state == State.NEW)) & (table.kind[rows] != Kind.WATCH)
-        mapped = table.kind[view.rows] == Kind.MAP
+        rows = view.rows[matched]
+        kind, usable = table.kind[rows], management.supports(rows)
         self._monitor.observe(
-            [float(squares[pair]) for pair in compress(pairs, usable)],
+            squares[detections[usable], matched[usable]].tolist(),
             len(columns),
-            int((columns < 0).sum()),
-            expected=sensor.model.sensor.detection_probability
-            * float((view.visible * (1.0 - view.hidden))[mapped].sum()),
-            found=int((table.kind[rows] == Kind.MAP).sum()),
+            len(columns) - len(detections),
+            expected=sensor.model.sensor.detection_probability * float(shown[table.kind[view.rows] == Kind.MAP].sum()),
+            found=int((kind == Kind.MAP).sum()),
             share=now.share,
         )
-        update.weigh(view, seen, list(compress(pairs, usable)), now.share, self._rng)
-        update.calibrate(view, seen, list(compress(pairs, usable & ~mine)), now.share)
-        update.update_new(view, seen, list(compress(pairs, mine)), now.share)
-        table.looks_hit[rows] += now.share
+        update.weigh(view, seen, (detections[usable], matched[usable]), now.share, self._rng)
+        if len(rows):
+            matches = update.match(view, seen, detections, matched)
+            update.calibrate(matches[usable & (kind != Kind.NEW)], now.share)
+            update.update_new(matches[kind == Kind.NEW], now.share)
+            table.looks_hit[rows] += now.share
         management.forget_refuted(view.rows)
-        for alone in np.flatnonzero(columns < 0).tolist():
-            if seen.feature_class[alone] in sensor.classes:
+        for alone in (columns < 0).nonzero()[0].tolist():
+            if seen.feature_class[alone] in sensor.codes:
                 management.give_birth(sensor.model, seen, alone, now)
 
     def _remember(self, model: SensorModel, seen: Seen, now: Instant) -> None:
-        for index, measured in enumerate(seen.measurement):
-            place = model.invert(now.reckoned, measured)
-            across = measured[0] * np.sqrt(seen.noise[index, 1]) if model.has_bearing else 0.0
-            std = float(max(np.sqrt(seen.noise[index, 0]), across))
-            kind = int(seen.feature_class[index]), int(seen.sign[index])
-            self._memory.add(Sighting(now.t, place, std, *kind))
+        if not seen.measurement.shape[1]:
+            return
+        place = model.invert(now.reckoned[:, None], seen.measurement).T
+        std = np.sqrt(seen.noise)
+        across = seen.measurement[0] * std[1] if model.has_bearing else 0.0
+        self._memory.add(Sightings(now.t, place, np.maximum(std[0], across), seen.feature_class, seen.sign))
 
     def _find_the_way_back(self) -> None:
         """Move the particles to where the last sightings fit the map, if they fit clearly better there."""

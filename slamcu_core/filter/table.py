@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +10,12 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-class Kind(IntEnum):
-    """What a row stands for."""
+class Kind:
+    """What a row stands for: plain numbers, for members of an enumeration are slow to reach within a step."""
 
-    MAP = 0  # a feature of the HD map: has a prior (eq. 3)
-    WATCH = 1  # a candidate that the cloud wants checked: vacuous (eq. 4), never localized on
-    NEW = 2  # found by this car: vacuous (eq. 4)
+    MAP: Final = 0  # a feature of the HD map: has a prior (eq. 3)
+    WATCH: Final = 1  # a candidate that the cloud wants checked: vacuous (eq. 4), never localized on
+    NEW: Final = 2  # found by this car: vacuous (eq. 4)
 
 
 _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
@@ -113,7 +112,7 @@ class FeatureTable:
         for name, store in self._store.items():
             setattr(self, name, store[: self._size])
 
-    def add(self, kind: Kind, *, feature_class: int, sign: int, value: int, prior: float = 0.0) -> int:
+    def add(self, kind: int, *, feature_class: int, sign: int, value: int, prior: float = 0.0) -> int:
         """Append a row and return its index."""
         row = self._size
         if row == len(self._store["kind"]):
@@ -124,7 +123,7 @@ class FeatureTable:
         self.prior[row] = prior
         return row
 
-    def reuse(self, row: int, kind: Kind, *, feature_class: int, sign: int, value: int) -> int:
+    def reuse(self, row: int, kind: int, *, feature_class: int, sign: int, value: int) -> int:
         """Make a forgotten row stand for something else and return its index."""
         for store in self._store.values():
             store[row] = 0
@@ -132,15 +131,15 @@ class FeatureTable:
         self.feature_class[row], self.sign[row], self.value[row] = feature_class, sign, value
         return row
 
-    def begin_pass(self, row: int, t: float) -> None:
-        """Open a pass of a row at time t."""
-        self.open[row] = True
-        self.pass_start[row] = t
+    def begin_passes(self, rows: NDArray[np.intp], t: float) -> None:
+        """Open passes of rows at time t."""
+        self.open[rows] = True
+        self.pass_start[rows] = t
         for name in ("pass_for", "pass_against", "detected", "missed", "blocked", "looks_hit", "looks_missed"):
-            self._store[name][row] = 0
+            self._store[name][rows] = 0
         for name in ("seen_information", "seen_vector", "view_weight", "view_from"):
-            self._store[name][row] = 0.0
-        self.passes[row] += 1
+            self._store[name][rows] = 0.0
+        self.passes[rows] += 1
 
 
 class Vocabulary:

@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.filter.ekf import inverse_2x2
+from slamcu_core.filter.ekf import mahalanobis_square
 
 Array = NDArray[np.float64]
 
 
 def gaussian_log_likelihood(innovation: Array, covariance: Array) -> Array:
-    """Return ln N(ν; 0, Q) for innovations (..., 2) with covariances (..., 2, 2): eq. 17 and 18 with -½."""
-    inverse, determinant = inverse_2x2(covariance)
-    square = np.einsum("...i,...ij,...j->...", innovation, inverse, innovation)
-    return np.asarray(-0.5 * square - 0.5 * np.log((2.0 * np.pi) ** 2 * determinant))
+    """Return ln N(ν; 0, Q) for innovations (2, ...) with covariances (2, 2, ...): eq. 17 and 18 with -½."""
+    square, determinant = mahalanobis_square(innovation, covariance)
+    return np.asarray(-0.5 * (square + np.log((2.0 * np.pi) ** 2 * determinant)))
 
 
 def robust_log_likelihood(log_likelihood: Array, log_clutter: float, outlier_share: float) -> Array:
     """Mix a likelihood with the clutter density, so that one wrong association cannot kill the true particles."""
     if outlier_share == 0.0:
         return log_likelihood
-    return np.asarray(np.logaddexp(np.log1p(-outlier_share) + log_likelihood, np.log(outlier_share) + log_clutter))
+    inlier = log_likelihood + math.log1p(-outlier_share)
+    floor = math.log(outlier_share) + log_clutter
+    # ln(exp(inlier) + exp(floor)); numpy's logaddexp is several times slower
+    return np.asarray(np.maximum(inlier, floor) + np.log1p(np.exp(-np.abs(inlier - floor))))
 
 
 def combine(log_weight: Array, log_likelihoods: Array, temper: float) -> Array:
@@ -30,7 +34,7 @@ def combine(log_weight: Array, log_likelihoods: Array, temper: float) -> Array:
     Parameters
     ----------
     log_weight : (M,) before.
-    log_likelihoods : (M, A) of all associated measurements, of map and new features alike.
+    log_likelihoods : (A, M) of all associated measurements, of map and new features alike.
     temper : exponent in (0, 1] for frames that share their errors (errata to section 6.2).
     """
-    return np.asarray(log_weight + temper * log_likelihoods.sum(axis=1))
+    return np.asarray(log_weight + temper * log_likelihoods.sum(axis=0))

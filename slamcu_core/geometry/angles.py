@@ -12,7 +12,9 @@ Angle = TypeVar("Angle", float, NDArray[np.float64])
 
 def wrap_angle(angle: Angle) -> Angle:
     """Wrap angles into [-pi, pi); scalars or arrays, radians."""
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+    # several times faster than the remainder, which has no vector instructions
+    wrapped: Angle = angle - 2.0 * np.pi * np.floor((angle + np.pi) * (0.5 / np.pi))
+    return wrapped
 
 
 def compass_to_math(heading_deg: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,6 +20,12 @@ def _ecef(lon: Array, lat: Array) -> Array:
     sin_lat, cos_lat = np.sin(lat), np.cos(lat)
     n = _A / np.sqrt(1.0 - _E2 * sin_lat**2)
     return np.stack([n * cos_lat * np.cos(lon), n * cos_lat * np.sin(lon), n * (1.0 - _E2) * sin_lat], axis=-1)
+
+
+def _metres_per_rad(lat: float) -> tuple[float, float]:
+    """Return how many metres a radian of longitude and of latitude (rad) measures."""
+    root = math.sqrt(1.0 - _E2 * math.sin(lat) ** 2)
+    return _A / root * math.cos(lat), _A * (1.0 - _E2) / root**3
 
 
 @dataclass(frozen=True)
@@ -57,11 +64,11 @@ class LocalFrame:
     def to_geographic(self, xy: ArrayLike) -> tuple[Array, Array]:
         """Lift metres east and north, shape (..., 2), to longitude and latitude in degrees, each of shape (...)."""
         xy = np.asarray(xy, float)
+        if xy.ndim == 1:
+            return self._point_to_geographic(float(xy[0]), float(xy[1]))
         # Newton's iteration on (lon, lat) with the local metric at the anchor: error falls by (d / radius) each time.
         lat0 = np.deg2rad(self.lat)
-        root = np.sqrt(1.0 - _E2 * np.sin(lat0) ** 2)
-        metres_per_rad_east = _A / root * np.cos(lat0)
-        metres_per_rad_north = _A * (1.0 - _E2) / root**3
+        metres_per_rad_east, metres_per_rad_north = _metres_per_rad(lat0)
         lon = self.lon + np.rad2deg(xy[..., 0] / metres_per_rad_east)
         lat = self.lat + np.rad2deg(xy[..., 1] / metres_per_rad_north)
         for _ in range(6):
@@ -69,3 +76,22 @@ class LocalFrame:
             lon = lon + np.rad2deg(error[..., 0] / metres_per_rad_east)
             lat = lat + np.rad2deg(error[..., 1] / metres_per_rad_north)
         return lon, lat
+
+    def _point_to_geographic(self, x: float, y: float) -> tuple[Array, Array]:
+        """Lift one point: the same iteration in plain floats, which for a single point is many times faster."""
+        lon0, lat0 = math.radians(self.lon), math.radians(self.lat)
+        east, north = _metres_per_rad(lat0)
+        sin_lat0, cos_lat0 = math.sin(lat0), math.cos(lat0)
+        n0 = _A / math.sqrt(1.0 - _E2 * sin_lat0**2)
+        turn, lat = x / east, lat0 + y / north
+        for _ in range(8):
+            sin_lat, cos_lat = math.sin(lat), math.cos(lat)
+            n = _A / math.sqrt(1.0 - _E2 * sin_lat**2)
+            radial = n * cos_lat * math.cos(turn) - n0 * cos_lat0
+            up = (1.0 - _E2) * (n * sin_lat - n0 * sin_lat0)
+            error_x = x - n * cos_lat * math.sin(turn)
+            error_y = y - (cos_lat0 * up - sin_lat0 * radial)
+            turn, lat = turn + error_x / east, lat + error_y / north
+            if abs(error_x) + abs(error_y) < 1e-9:
+                break
+        return np.float64(math.degrees(lon0 + turn)), np.float64(math.degrees(lat))

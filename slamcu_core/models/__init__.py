@@ -1,13 +1,15 @@
 """Motion and measurement models: what moves the particles and what a sensor should see from them."""
 
-from slamcu_core.models.motion import MotionNoise, advance, yaw_rate_from_steering
-from slamcu_core.models.sensor import SensorModel
+from slamcu_core.models.motion import MotionNoise, advance, chord, yaw_rate_from_steering
+from slamcu_core.models.sensor import SensorModel, Sight
 from slamcu_core.models.visibility import occlusion_probability, visibility_probability
 
 __all__ = [
     "MotionNoise",
     "SensorModel",
+    "Sight",
     "advance",
+    "chord",
     "occlusion_probability",
     "visibility_probability",
     "yaw_rate_from_steering",

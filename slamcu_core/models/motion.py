@@ -56,16 +56,18 @@ def yaw_rate_from_steering(speed: float, steering: float, wheelbase_m: float | N
     return speed * float(np.tan(steering)) / wheelbase_m
 
 
-def advance(pose: Array, distance: Array, turn: Array) -> Array:
-    """Move poses (M, 3) of x, y, heading along circular arcs of length `distance` (M,) m that turn by `turn` (M,) rad.
+def chord(heading: Array, distance: Array, turn: Array) -> tuple[Array, Array]:
+    """Return how far east and north (m) arcs of length `distance` (m) lead that turn by `turn` (rad).
 
-    The chord of the arc is distance · sinc(turn / 2) in the direction of the middle heading: exact for constant speed
+    The chord of an arc is distance · sinc(turn / 2) in the direction of the middle heading: exact for constant speed
     and yaw rate, and smooth through turn = 0.
     """
-    middle = pose[:, 2] + 0.5 * turn
-    chord = distance * np.sinc(turn / (2.0 * np.pi))
-    moved = np.empty_like(pose)
-    moved[:, 0] = pose[:, 0] + chord * np.cos(middle)
-    moved[:, 1] = pose[:, 1] + chord * np.sin(middle)
-    moved[:, 2] = pose[:, 2] + turn
-    return moved
+    middle = heading + 0.5 * turn
+    length = distance * np.sinc(turn / (2.0 * np.pi))
+    return length * np.cos(middle), length * np.sin(middle)
+
+
+def advance(pose: Array, distance: Array, turn: Array) -> Array:
+    """Move poses (M, 3) along circular arcs of length `distance` (M,) m that turn by `turn` (M,) rad."""
+    east, north = chord(pose[:, 2], distance, turn)
+    return pose + np.stack([east, north, turn], axis=1)

@@ -1,8 +1,12 @@
-"""Measurement models z = h(x, m) for range-bearing and position sensors, with Jacobians (used by eq. 16-18)."""
+"""Measurement models z = h(x, m) for range-bearing and position sensors, with Jacobians (used by eq. 16-18).
+
+The components of poses, points, measurements and matrices lead: poses are (3, ...) of x, y, heading, points and
+measurements (2, ...), matrices (2, 2, ...). What follows broadcasts, features before particles.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,107 +19,129 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
+class Sight:
+    """Points as one sensor sees them from vehicle poses, with what the Jacobians need.
+
+    `delta` (2, ...) leads from the sensor to the points in the local frame, `distance` (m) and `bearing` (rad from the
+    sensor's axis, up to whole turns) are true; `measurement` (2, ...) is h(x, m), its bearing likewise.
+    """
+
+    delta: Array
+    distance: Array
+    bearing: Array
+    measurement: Array
+    pose: Array
+
+    def __getitem__(self, index: NDArray[np.intp]) -> Sight:
+        """Return the sight of some of F points, seen from M poses: each array is (..., F, M)."""
+        return Sight(
+            self.delta[:, index], self.distance[index], self.bearing[index], self.measurement[:, index], self.pose
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class SensorModel:
     """The measurement model of one sensor.
 
-    A measurement has two components: range (m) and bearing (rad), or x and y (m) in the vehicle frame. Poses are
-    (..., 3) of x, y, heading of the vehicle; points are (..., 2) and broadcast against them.
+    A measurement has two components: range (m) and bearing (rad), or x and y (m) in the vehicle frame.
     """
 
     sensor: Sensor
+    has_bearing: bool = field(init=False)  # whether component 1 of a measurement is an angle
+    half_angle: float = field(init=False)  # rad, of the field of view
+    log_clutter: float = field(init=False)  # ln of `clutter_density`
 
-    @property
-    def has_bearing(self) -> bool:
-        """Whether component 1 is an angle."""
-        return self.sensor.kind is SensorKind.RANGE_BEARING
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "has_bearing", self.sensor.kind is SensorKind.RANGE_BEARING)
+        object.__setattr__(self, "half_angle", float(np.deg2rad(self.sensor.fov_deg)) / 2.0)
+        object.__setattr__(self, "log_clutter", float(np.log(self.clutter_density)))
 
     def origin(self, pose: Array) -> tuple[Array, Array]:
-        """Return the places (..., 2) and directions (...) of the sensor's axis for vehicle poses."""
+        """Return the places (2, ...) and directions (...) of the sensor's axis for vehicle poses."""
         mount = self.sensor.mount
-        cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
-        place = np.stack(
-            [pose[..., 0] + cos * mount.x - sin * mount.y, pose[..., 1] + sin * mount.x + cos * mount.y], axis=-1
-        )
-        return place, pose[..., 2] + np.deg2rad(mount.yaw_deg)
+        if not mount.x and not mount.y and not mount.yaw_deg:
+            return pose[:2], pose[2]
+        cos, sin = np.cos(pose[2]), np.sin(pose[2])
+        place = np.array([pose[0] + cos * mount.x - sin * mount.y, pose[1] + sin * mount.x + cos * mount.y])
+        return place, pose[2] + np.deg2rad(mount.yaw_deg)
 
-    def polar(self, pose: Array, points: Array) -> tuple[Array, Array]:
-        """Return true range (m) and bearing from the sensor's axis (rad, wrapped) of points, for visibility."""
+    def sight(self, pose: Array, points: Array) -> Sight:
+        """Return how points look from vehicle poses."""
         place, direction = self.origin(pose)
-        delta = points - place
-        return np.hypot(delta[..., 0], delta[..., 1]), wrap_angle(np.arctan2(delta[..., 1], delta[..., 0]) - direction)
+        delta = _difference(points, place)
+        distance = np.sqrt(delta[0] * delta[0] + delta[1] * delta[1])
+        bearing = np.arctan2(delta[1], delta[0]) - direction
+        if self.has_bearing:
+            return Sight(delta, distance, bearing, np.array([distance, bearing]), pose)
+        cos, sin = np.cos(pose[2]), np.sin(pose[2])
+        x, y = _difference(points, pose[:2])
+        return Sight(delta, distance, bearing, np.array([x * cos + y * sin, y * cos - x * sin]), pose)
 
     def predict(self, pose: Array, points: Array) -> Array:
-        """Return the measurements h(x, m), shape (..., 2), of points from vehicle poses."""
+        """Return the measurements h(x, m), shape (2, ...), of points from vehicle poses."""
+        measurement = self.sight(pose, points).measurement
         if self.has_bearing:
-            return np.stack(self.polar(pose, points), axis=-1)
-        delta = points - pose[..., :2]
-        cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
-        return np.stack(
-            [cos * delta[..., 0] + sin * delta[..., 1], -sin * delta[..., 0] + cos * delta[..., 1]], axis=-1
-        )
+            measurement[1] = wrap_angle(measurement[1])
+        return measurement
 
-    def feature_jacobian(self, pose: Array, points: Array) -> Array:
-        """Return H = ∂h/∂m, shape (..., 2, 2): the Jacobian with respect to the feature (errata to eq. 16)."""
+    def by_feature(self, sight: Sight) -> Array:
+        """Return H = ∂h/∂m, shape (2, 2, ...): the Jacobian with respect to the feature (errata to eq. 16)."""
+        h = np.empty((2, *sight.delta.shape))
         if not self.has_bearing:
-            cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
-            shape = np.broadcast_shapes(pose[..., 0].shape, points[..., 0].shape)
-            h = np.empty((*shape, 2, 2))
-            h[..., 0, 0], h[..., 0, 1], h[..., 1, 0], h[..., 1, 1] = cos, sin, -sin, cos
+            cos, sin = np.cos(sight.pose[2]), np.sin(sight.pose[2])
+            h[0, 0], h[0, 1], h[1, 0], h[1, 1] = cos, sin, -sin, cos
             return h
-        place, _ = self.origin(pose)
-        delta = points - place
-        square = np.maximum(delta[..., 0] ** 2 + delta[..., 1] ** 2, 1e-6)
-        distance = np.sqrt(square)
-        h = np.empty((*square.shape, 2, 2))
-        h[..., 0, 0], h[..., 0, 1] = delta[..., 0] / distance, delta[..., 1] / distance
-        h[..., 1, 0], h[..., 1, 1] = -delta[..., 1] / square, delta[..., 0] / square
+        distance = np.maximum(sight.distance, 1e-3)
+        np.divide(sight.delta, distance, out=h[0])
+        np.divide(h[0, 0], distance, out=h[1, 1, ...])
+        np.divide(h[0, 1], -distance, out=h[1, 0, ...])
         return h
 
-    def pose_jacobian(self, pose: Array, points: Array) -> Array:
-        """Return ∂h/∂x, shape (..., 2, 3): the Jacobian with respect to the vehicle's x, y and heading."""
-        by_feature = self.feature_jacobian(pose, points)
-        h = np.empty((*by_feature.shape[:-1], 3))
-        h[..., :2] = -by_feature
+    def feature_jacobian(self, pose: Array, points: Array) -> Array:
+        """Return H = ∂h/∂m, shape (2, 2, ...), at points seen from vehicle poses."""
+        return self.by_feature(self.sight(pose, points))
+
+    def by_pose(self, sight: Sight, by_feature: Array) -> Array:
+        """Return ∂h/∂x, shape (2, 3, ...): the Jacobian with respect to the vehicle's x, y and heading."""
+        h = np.empty((2, 3, *sight.distance.shape))
+        np.negative(by_feature, out=h[:, :2])
         if not self.has_bearing:
-            z = self.predict(pose, points)
-            h[..., 0, 2], h[..., 1, 2] = z[..., 1], -z[..., 0]
+            h[0, 2], h[1, 2] = sight.measurement[1], -sight.measurement[0]
             return h
         mount = self.sensor.mount
-        cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
-        swing = np.stack([-sin * mount.x - cos * mount.y, cos * mount.x - sin * mount.y], axis=-1)
-        h[..., 2] = -(by_feature @ swing[..., None])[..., 0]
-        h[..., 1, 2] -= 1.0
+        h[0, 2], h[1, 2] = 0.0, -1.0
+        if mount.x or mount.y:
+            cos, sin = np.cos(sight.pose[2]), np.sin(sight.pose[2])
+            swing = -sin * mount.x - cos * mount.y, cos * mount.x - sin * mount.y
+            h[:, 2] -= by_feature[:, 0] * swing[0] + by_feature[:, 1] * swing[1]
         return h
 
     def invert(self, pose: Array, measurement: Array) -> Array:
-        """Return the points (..., 2) at which measurements (..., 2) place a feature: h(x, invert(x, z)) = z."""
+        """Return the points (2, ...) at which measurements (2, ...) place a feature: h(x, invert(x, z)) = z."""
         if self.has_bearing:
             place, direction = self.origin(pose)
-            angle = direction + measurement[..., 1]
-            distance = measurement[..., 0]
-            return np.stack(
-                [place[..., 0] + distance * np.cos(angle), place[..., 1] + distance * np.sin(angle)], axis=-1
-            )
-        cos, sin = np.cos(pose[..., 2]), np.sin(pose[..., 2])
-        x, y = measurement[..., 0], measurement[..., 1]
-        return np.stack([pose[..., 0] + cos * x - sin * y, pose[..., 1] + sin * x + cos * y], axis=-1)
+            angle = direction + measurement[1]
+            return np.array([place[0] + measurement[0] * np.cos(angle), place[1] + measurement[0] * np.sin(angle)])
+        cos, sin = np.cos(pose[2]), np.sin(pose[2])
+        x, y = measurement
+        return np.array([pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y])
 
     def noise(self, measurement: ArrayLike) -> Array:
-        """Return the variances (..., 2) of R_t for measurements (..., 2); range noise grows with range."""
+        """Return the variances (2, ...) of R_t for measurements (2, ...); range noise grows with range."""
         z = np.asarray(measurement, float)
         variance = np.empty_like(z)
         if self.has_bearing:
-            variance[..., 0] = (self.sensor.range_std_m + self.sensor.range_std_rel * z[..., 0]) ** 2
-            variance[..., 1] = self.sensor.bearing_std_rad**2
+            variance[0] = (self.sensor.range_std_m + self.sensor.range_std_rel * z[0]) ** 2
+            variance[1] = self.sensor.bearing_std_rad**2
         else:
             variance[...] = self.sensor.position_std_m**2
         return variance
 
     def innovation(self, measurement: Array, predicted: Array) -> Array:
-        """Return z - ẑ, shape (..., 2), with the bearing wrapped."""
+        """Return z - ẑ, shape (2, ...), with the bearing wrapped."""
         nu = measurement - predicted
         if self.has_bearing:
-            nu[..., 1] = wrap_angle(nu[..., 1])
+            nu[1] = wrap_angle(nu[1])
         return nu
 
     def measurement(self, detection: Detection) -> tuple[float, float]:
@@ -123,7 +149,10 @@ class SensorModel:
 
         Raises SlamcuError if the detection lacks what this kind of sensor measures.
         """
-        first, second = (detection.range, detection.bearing) if self.has_bearing else (detection.x, detection.y)
+        if self.has_bearing:
+            first, second = detection.range, detection.bearing
+        else:
+            first, second = detection.x, detection.y
         if first is None or second is None:
             expected = "range and bearing" if self.has_bearing else "x and y"
             raise SlamcuError(f"a detection of sensor {self.sensor.id!r} needs {expected}")
@@ -133,9 +162,13 @@ class SensorModel:
     def clutter_density(self) -> float:
         """Expected false alarms a frame per unit of measurement space (m·rad, or m²)."""
         s = self.sensor
-        half_angle = np.deg2rad(s.fov_deg) / 2.0
         if self.has_bearing:
-            volume = (s.max_range_m - s.min_range_m) * 2.0 * half_angle
+            volume = (s.max_range_m - s.min_range_m) * 2.0 * self.half_angle
         else:
-            volume = half_angle * (s.max_range_m**2 - s.min_range_m**2)
+            volume = self.half_angle * (s.max_range_m**2 - s.min_range_m**2)
         return float(max(s.false_alarms_per_frame, 1e-4) / max(volume, 1e-6))
+
+
+def _difference(points: Array, places: Array) -> Array:
+    """Return points (2, ...) minus places (2, ...), which may lack the axis of the features."""
+    return np.asarray(points - (places[:, None] if points.ndim > places.ndim else places))

@@ -56,7 +56,7 @@ def test_the_likelihoods_of_eq_17_and_18_are_normalised_gaussians(seed: int) -> 
 
 
 def test_weights_multiply_over_all_measurements_and_an_outlier_is_floored() -> None:
-    log_likelihoods = np.array([[-1.0, -2.0], [-3.0, -4.0]])
+    log_likelihoods = np.array([[-1.0, -3.0], [-2.0, -4.0]])
     np.testing.assert_allclose(combine(np.array([0.5, 0.0]), log_likelihoods, 1.0), [-2.5, -7.0])
     np.testing.assert_allclose(combine(np.zeros(2), log_likelihoods, 0.5), [-1.5, -3.5])
     floored = robust_log_likelihood(np.array([-1e6]), log_clutter=-5.0, outlier_share=0.02)

@@ -54,7 +54,7 @@ def test_inverting_a_measurement_gives_the_point_back(
 
 def test_range_noise_grows_with_range_and_the_bearing_innovation_is_wrapped() -> None:
     model = SensorModel(Sensor("camera", range_std_m=0.3, range_std_rel=0.05, bearing_std_rad=0.006))
-    np.testing.assert_allclose(np.sqrt(model.noise([[40.0, 0.0]])), [[2.3, 0.006]])
+    np.testing.assert_allclose(np.sqrt(model.noise([40.0, 0.0])), [2.3, 0.006])
     nu = model.innovation(np.array([10.0, 3.1]), np.array([10.0, -3.1]))
     assert nu[1] == pytest.approx(6.2 - 2 * np.pi)
 
@@ -68,8 +68,8 @@ def test_a_detection_without_what_its_sensor_measures_is_refused() -> None:
 
 def test_visibility_is_the_weight_of_the_particles_that_see_it() -> None:
     sensor = Sensor("camera", fov_deg=40, min_range_m=2, max_range_m=80)
-    distance = np.array([[50.0, 90.0, 1.0], [50.0, 70.0, 50.0]])
-    bearing = np.deg2rad([[0.0, 0.0, 0.0], [19.0, 0.0, 21.0]])
+    distance = np.array([[50.0, 50.0], [90.0, 70.0], [1.0, 50.0]])
+    bearing = np.deg2rad([[0.0, 19.0], [0.0, 0.0], [0.0, 21.0]])
     np.testing.assert_allclose(visibility_probability(sensor, distance, bearing, np.array([0.25, 0.75])), [1, 0.75, 0])
 
 
