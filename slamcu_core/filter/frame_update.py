@@ -15,6 +15,7 @@ from slamcu_core.filter.calibration import SensorCalibration
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
+from slamcu_core.geometry import wrap_angle
 from slamcu_core.models import SensorModel, Sight, occlusion_probability, visibility_probability
 
 Array = NDArray[np.float64]
@@ -26,7 +27,8 @@ class View:
     """What one sensor should see at one instant: F rows from M particles.
 
     `sight` is how each particle sees the points (2, F, M); `predicted` (2, F, M) the measurement with each particle's
-    calibration, `unsettled` (2, F) the variance that the poses' pending noise adds to it; `visible` (F,) P(visible) by field of view, `hidden` (F,) the probability of occlusion.
+    calibration, `unsettled` (2, F) the variance that the poses' pending noise adds to it; `visible` (F,) P(visible) by
+    field of view, `hidden` (F,) the probability of occlusion.
     """
 
     rows: Index
@@ -131,11 +133,11 @@ class FrameUpdate:
             unsettled[0], unsettled[1] = by_pending[0, 0], by_pending[1, 1]
             extra += by_pending
         marginal = marginalise(self.model, predicted, weights, extra)
-        visible = visibility_probability(self.model.sensor, sight.distance, sight.bearing, weights)
+        visible = visibility_probability(self.model.sensor, sight.distance, wrap_angle(sight.bearing), weights)
         hidden = np.zeros(len(rows))
         if occluders:
             spread = np.sqrt(marginal.covariance[1, 1]) if self.model.has_bearing else np.full(len(rows), 0.01)
-            hidden = occlusion_probability(occluders, mean_distance, centre.bearing, spread)
+            hidden = occlusion_probability(occluders, mean_distance, wrap_angle(centre.bearing), spread)
         return View(rows, points, sight, predicted, unsettled, visible, hidden, marginal)
 
     def pre_associate(self, view: View, seen: Seen) -> tuple[Index, Array]:

@@ -218,7 +218,7 @@ class MapManagement:
     def start_over(self) -> None:
         """Forget what was believed from a wrong pose: the car's own finds, all evidence of the drive, open passes."""
         table = self._table
-        for row in np.flatnonzero((table.kind == Kind.NEW) & table.alive).tolist():
+        for row in ((table.kind == Kind.NEW) & table.alive).nonzero()[0].tolist():
             self._forget(row)
         table.weight_for[:] = table.weight_against[:] = 0.0
         table.open[:] = False

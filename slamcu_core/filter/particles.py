@@ -19,8 +19,8 @@ class Particles:
     """M particles with up to L live new features (eq. 11, 13).
 
     Arrays over features and particles have the particles last and components first, so that what is done for all
-    particles runs along memory. The columns of `state` are sampled: x, y (m), heading (rad), speed scale, yaw scale, yaw bias
-    (rad/s). The rest is Rao-Blackwellized: given a particle's path it is Gaussian, with its mean kept here.
+    particles runs along memory. The columns of `state` are sampled: x, y (m), heading (rad), speed scale, yaw scale,
+    yaw bias (rad/s). The rest is Rao-Blackwellized: given a particle's path it is Gaussian, with its mean kept here.
     """
 
     state: Array  # (M, 6)

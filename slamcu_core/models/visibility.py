@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.drive import Occluder, Sensor
-from slamcu_core.geometry import wrap_angle
 
 Array = NDArray[np.float64]
 
@@ -24,7 +23,7 @@ def visibility_probability(sensor: Sensor, distance: Array, bearing: Array, weig
     distance, bearing : true range (m) and bearing (rad) of each feature from each particle's sensor, (F, M).
     weights : normalised weights of the particles, (M,).
     """
-    inside = np.abs(wrap_angle(bearing)) <= np.deg2rad(sensor.fov_deg) / 2.0
+    inside = np.abs(bearing) <= np.deg2rad(sensor.fov_deg) / 2.0
     inside &= distance >= sensor.min_range_m
     inside &= distance <= sensor.max_range_m
     return np.asarray(inside @ weights)
@@ -41,7 +40,7 @@ def occlusion_probability(occluders: Sequence[Occluder], distance: Array, bearin
     visible = np.ones_like(distance)
     for occluder in occluders:
         half = np.arctan2(occluder.width / 2.0 + _OCCLUDER_MARGIN_M, max(occluder.range, 0.1))
-        offset = np.abs(wrap_angle(bearing - occluder.bearing))
+        offset = np.abs(bearing - occluder.bearing)
         behind = 1.0 / (1.0 + np.exp(-(distance - occluder.range) / (0.5 * _OCCLUDER_RANGE_STD)))
         inside = 1.0 / (1.0 + np.exp(-(half - offset) / np.maximum(0.6 * bearing_std, 1e-4)))
         visible *= 1.0 - behind * inside

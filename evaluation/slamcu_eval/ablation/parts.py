@@ -65,7 +65,7 @@ def whole_visibility(sensor: Any, distance: Array, bearing: Array, weights: Arra
         & (distance <= sensor.max_range_m)
         & (np.abs(bearing) <= np.deg2rad(sensor.fov_deg) / 2.0)
     )
-    return as_a_whole(weights @ inside)
+    return as_a_whole(inside @ weights)
 
 
 def nothing_hides(_occluders: object, distance: Array, _bearing: Array, _std: Array) -> Array:
@@ -109,19 +109,19 @@ class WeighsDeleted(FrameUpdate):
     """A frame update in which every associated map feature weighs the particles, Deleted or not."""
 
     def pre_associate(self, view: View, seen: Seen) -> tuple[Index, Array]:
-        """Associate, and remember what went with what."""
+        """Associate, and remember what went with features of the map."""
         columns, squares = super().pre_associate(view, seen)
-        mapped = self.table.kind[view.rows] == Kind.MAP
-        pairs = [(d, c) for d, c in enumerate(columns.tolist()) if c >= 0 and mapped[c]]
-        object.__setattr__(self, "mapped_pairs", pairs)
+        mapped = np.append(self.table.kind[view.rows] == Kind.MAP, False)[columns]
+        object.__setattr__(self, "mapped", (np.flatnonzero(mapped), columns[mapped]))
         return columns, squares
 
     def weigh(
-        self, view: View, seen: Seen, pairs: list[tuple[int, int]], share: float, rng: np.random.Generator
+        self, view: View, seen: Seen, matched: tuple[Index, Index], share: float, rng: np.random.Generator
     ) -> None:
-        """Weigh by the given pairs and by all those with features of the map."""
-        mapped: list[tuple[int, int]] = self.mapped_pairs  # type: ignore[attr-defined]  # set by pre_associate
-        super().weigh(view, seen, sorted({*pairs, *mapped}), share, rng)
+        """Weigh by the given matches and by all those with features of the map."""
+        mapped: tuple[Index, Index] = self.mapped  # type: ignore[attr-defined]  # set by pre_associate
+        detections, first = np.unique(np.concatenate([matched[0], mapped[0]]), return_index=True)
+        super().weigh(view, seen, (detections, np.concatenate([matched[1], mapped[1]])[first]), share, rng)
 
 
 def weighs_as_normal(table: Any, rows: Index) -> NDArray[np.bool_]:
