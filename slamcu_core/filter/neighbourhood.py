@@ -84,7 +84,7 @@ class Neighbourhood:
                 particles.means[:, slot] = table.xy[row][:, None]
                 particles.covariances[:, :, slot] = table.covariance[row][..., None]
                 table.slot[row] = slot
-        return own[table.slot[own] >= 0]
+        return np.asarray(own[table.slot[own] >= 0])
 
     def free_slot(self, particles: Particles) -> int | None:
         """Return a slot of the particles' arrays that no row uses, or None."""

@@ -94,4 +94,4 @@ class LocalFrame:
             turn, lat = turn + error_x / east, lat + error_y / north
             if abs(error_x) + abs(error_y) < 1e-9:
                 break
-        return np.float64(math.degrees(lon0 + turn)), np.float64(math.degrees(lat))
+        return np.asarray(math.degrees(lon0 + turn)), np.asarray(math.degrees(lat))
