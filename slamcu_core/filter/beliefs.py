@@ -20,6 +20,8 @@ from slamcu_core.reports import MeasuredPosition
 
 Array = NDArray[np.float64]
 
+_LN_2 = float(np.log(2.0))
+
 
 class Beliefs:
     """Reads places and estimates out of the table and the particles; changes neither."""
@@ -55,32 +57,51 @@ class Beliefs:
         else:
             xy, covariance = table.xy[row].copy(), table.covariance[row].copy()
         if table.view_weight[row] > 0.0:
-            line = xy - table.view_from[row] / table.view_weight[row]
-            across = np.array([-line[1], line[0]])
-            range_variance = self._calibration.variance[0] + self._parameters.pass_range_std**2
-            covariance = covariance + range_variance * np.outer(line, line)
-            covariance += self._calibration.variance[1] * np.outer(across, across)
+            covariance = self._with_bias(covariance, xy - table.view_from[row] / table.view_weight[row])
         return xy, covariance
+
+    def _with_bias(self, covariance: Array, line: Array) -> Array:
+        """Add to a covariance (2, 2) what the car's detections along a line of sight (2,) have wrong in common."""
+        across = np.array([-line[1], line[0]])
+        range_variance = self._calibration.variance[0] + self._parameters.pass_range_std**2
+        return np.asarray(
+            covariance
+            + range_variance * np.outer(line, line)
+            + self._calibration.variance[1] * np.outer(across, across)
+        )
 
     def position(self, row: int) -> MeasuredPosition:
         """Return the place of a row in geographic coordinates."""
         xy, covariance = self.place(row)
         lon, lat = self._around.frame.to_geographic(xy)
-        spread = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
-        return MeasuredPosition(float(lon), float(lat), spread)
+        return MeasuredPosition(float(lon), float(lat), _spread(covariance))
+
+    def _position_behind(self, row: int) -> MeasuredPosition:
+        """Return the place of a find that was left behind, a row of the archive."""
+        found, frame = self._around.found, self._around.frame
+        lon, lat = found.table.xy[row]
+        covariance = found.table.covariance[row]
+        if found.table.view_weight[row] > 0.0:
+            covariance = self._with_bias(covariance, found.place(row, frame) - found.seen_from(row, frame))
+        return MeasuredPosition(float(lon), float(lat), _spread(covariance))
 
     def estimates(self) -> list[FeatureEstimate]:
         """Return what is believed of every feature of the map, also those never near, and of the car's own finds."""
-        mapped = [self._mapped(feature, self._around.row_of(index)) for index, feature in enumerate(self._map)]
-        own = ((self._table.kind == Kind.NEW) & self._table.alive).nonzero()[0]
-        return mapped + [self._found(row) for row in own.tolist()]
+        table, behind = self._table, self._around.found
+        mapped = [self._mapped(feature, index) for index, feature in enumerate(self._map)]
+        left = [self._found(behind.table, row, self._position_behind(row)) for row in behind.rows()]
+        own = ((table.kind == Kind.NEW) & table.alive).nonzero()[0].tolist()
+        return mapped + left + [self._found(table, row, self.position(row)) for row in own]
 
-    def _mapped(self, feature: MapFeature, row: int | None) -> FeatureEstimate:
+    def _mapped(self, feature: MapFeature, index: int) -> FeatureEstimate:
+        row, ledger = self._around.row_of(index), self._around.ledger
         if row is None:
-            f = 0.0 if feature.watched else float(support(feature.existence_confidence))
-            state, a, passes = (State.NORMAL if f > np.log(2.0) else State.UNCLASSIFIED).value, 0.0, 0
+            prior = 0.0 if feature.watched else float(support(feature.existence_confidence))
+            f, a = prior + float(ledger.weight_for[index]), float(ledger.weight_against[index])
+            state, passes = _map_state(f, a, watched=feature.watched), int(ledger.passes[index])
         else:
-            state, f, a, passes = self._belief(row)
+            f, a, passes = _belief(self._table, row)
+            state = self._state(row)
         variance = feature.position_std_m**2
         return FeatureEstimate(
             feature=feature,
@@ -96,12 +117,14 @@ class Beliefs:
             value=feature.value,
         )
 
-    def _found(self, row: int) -> FeatureEstimate:
-        state, f, a, passes = self._belief(row)
-        place, table, name = self.position(row), self._table, self._names.name
+    def _found(self, table: FeatureTable, row: int, place: MeasuredPosition) -> FeatureEstimate:
+        f, a, passes = _belief(table, row)
+        # what was left behind has proven itself, or it would have been forgotten
+        behind = (State.NEW if f > max(a, _LN_2) else State.UNCLASSIFIED).value
+        name = self._names.name
         return FeatureEstimate(
             feature=None,
-            state=state,
+            state=self._state(row) if table is self._table else behind,
             masses=Masses.from_weights(f, a),
             conflict=float(conflict(f, a)),
             lon=place.lon,
@@ -113,9 +136,24 @@ class Beliefs:
             value=name(int(table.value[row])),
         )
 
-    def _belief(self, row: int) -> tuple[str, float, float, int]:
-        """Return class, weights for (with the prior) and against, and number of passes of a row."""
-        table = self._table
-        state = str(self._management.classify(np.array([row], dtype=np.intp))[0])
-        f, a = table.prior[row] + table.weight_for[row], table.weight_against[row]
-        return state, float(f), float(a), int(table.passes[row])
+    def _state(self, row: int) -> str:
+        return str(self._management.classify(np.array([row], dtype=np.intp))[0])
+
+
+def _belief(table: FeatureTable, row: int) -> tuple[float, float, int]:
+    """Return weights for (with the prior) and against, and number of passes of a row."""
+    f, a = table.prior[row] + table.weight_for[row], table.weight_against[row]
+    return float(f), float(a), int(table.passes[row])
+
+
+def _map_state(weight_for: float, weight_against: float, *, watched: bool) -> str:
+    """Return the class of a feature of the map by its largest mass (section 4.3.3), from its weights."""
+    if weight_for > max(weight_against, _LN_2):
+        return (State.NEW if watched else State.NORMAL).value
+    if weight_against > max(weight_for, _LN_2) and not watched:
+        return State.DELETED.value
+    return State.UNCLASSIFIED.value
+
+
+def _spread(covariance: Array) -> tuple[float, float, float]:
+    return float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])

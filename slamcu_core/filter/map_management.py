@@ -45,7 +45,6 @@ class MapManagement:
         self._table, self._around, self._particles, self._parameters = table, around, particles, parameters
         self._speed = 0.0
         self._votes: dict[int, Counter[tuple[int, int]]] = {}
-        self._spare: list[int] = []  # rows of forgotten finds, to be used again
         self.open: set[int] = set()  # rows with an open pass
         self._none_ends_before = 0.0  # s: no pass can have lasted its gap until then
 
@@ -183,7 +182,8 @@ class MapManagement:
             "sign": int(seen.sign[detection]),
             "value": int(seen.value[detection]),
         }
-        row = table.reuse(self._spare.pop(), Kind.NEW, **codes) if self._spare else table.add(Kind.NEW, **codes)
+        row = table.add(Kind.NEW, **codes)
+        self._votes.pop(row, None)  # of a find that had this row before and was left behind
         table.slot[row] = slot
         table.nominal[row] = model.sensor.detection_probability
         table.born[row] = table.last_hit[row] = now.t
@@ -207,12 +207,9 @@ class MapManagement:
             self._forget(row)
 
     def _forget(self, row: int) -> None:
-        table = self._table
-        table.alive[row] = table.open[row] = False
-        table.slot[row] = -1
         self.open.discard(row)
         self._votes.pop(row, None)
-        self._spare.append(row)
+        self._table.release(row)
         self._around.rows = self._around.rows[self._around.rows != row]
 
     def start_over(self) -> None:
@@ -222,6 +219,7 @@ class MapManagement:
             self._forget(row)
         table.weight_for[:] = table.weight_against[:] = 0.0
         table.open[:] = False
+        self._around.forget_behind()
         self.open.clear()
 
     def end_passes(self, rows: Iterable[int]) -> list[int]:

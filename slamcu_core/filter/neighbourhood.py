@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.evidence import support
+from slamcu_core.filter.archive import FoundArchive, MapLedger
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
 from slamcu_core.geometry import LocalFrame
@@ -21,15 +22,26 @@ _REANCHOR_M = 15_000.0  # the local frame is flat enough up to here
 class Neighbourhood:
     """Keeps the rows near the car active and the rest cheap."""
 
-    def __init__(self, table: FeatureTable, hd_map: HDMap, frame: LocalFrame, names: Vocabulary, reach: float) -> None:
+    def __init__(
+        self,
+        table: FeatureTable,
+        hd_map: HDMap,
+        frame: LocalFrame,
+        names: Vocabulary,
+        *,
+        reach: float,
+        kept_finds: int,
+    ) -> None:
         self._table, self._map, self._names, self._reach = table, hd_map, names, reach
         self.frame = frame
         self.rows: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
         self._row_of: dict[int, int] = {}
+        self.ledger = MapLedger(len(hd_map))
+        self.found = FoundArchive(kept_finds)
         self._centre: Array | None = None
 
     def row_of(self, index: int) -> int | None:
-        """Return the row of a map feature by its index, if the car has come near it."""
+        """Return the row of a map feature by its index, if the car is near it."""
         return self._row_of.get(index)
 
     def refresh(self, place: Array, particles: Particles, *, force: bool = False) -> bool:
@@ -41,7 +53,22 @@ class Neighbourhood:
         near = self._map.near(float(lon), float(lat), self._reach + 2.0 * _STEP_M)
         mapped = self._mapped(near)
         self.rows = np.concatenate([mapped, self._own(place, particles)])
+        self._leave_behind(near)
         return True
+
+    def _leave_behind(self, near: NDArray[np.intp]) -> None:
+        """Free the rows of features that are no longer near, once their passes have ended."""
+        table = self._table
+        gone = [index for index in self._row_of.keys() - set(near.tolist()) if not table.open[self._row_of[index]]]
+        rows = np.array([self._row_of.pop(index) for index in gone], dtype=np.intp)
+        self.ledger.put(table, rows)
+        for row in rows.tolist():
+            table.release(row)
+
+    def forget_behind(self) -> None:
+        """Forget what is believed of features left behind."""
+        self.ledger.clear()
+        self.found.clear()
 
     def _mapped(self, indices: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the rows of map features, made for those that the car has not been near before."""
@@ -64,11 +91,16 @@ class Neighbourhood:
         table.source[row] = index
         table.xy[row] = place
         table.covariance[row] = np.eye(2) * feature.position_std_m**2
+        self.ledger.restore(table, row)
         return row
 
     def _own(self, place: Array, particles: Particles) -> NDArray[np.intp]:
         """Return the car's own finds that are near; wake those that came back, collapse those left behind."""
         table = self._table
+        lon, lat = (float(value) for value in self.frame.to_geographic(place))
+        for kept in self.found.near(lon, lat, self._reach + 2.0 * _STEP_M):
+            if np.hypot(*(self.found.place(kept, self.frame) - place)) < self._reach + 2.0 * _STEP_M:
+                self.found.give_back(kept, table, self.frame)
         own = ((table.kind == Kind.NEW) & table.alive).nonzero()[0]
         live = table.slot[own] >= 0
         if len(own):
@@ -84,6 +116,8 @@ class Neighbourhood:
                 particles.means[:, slot] = table.xy[row][:, None]
                 particles.covariances[:, :, slot] = table.covariance[row][..., None]
                 table.slot[row] = slot
+        for row in own[(table.slot[own] < 0) & ~table.open[own] & (distance > self._reach + _KEEP_M)].tolist():
+            self.found.put(table, row, self.frame)
         return np.asarray(own[table.slot[own] >= 0])
 
     def free_slot(self, particles: Particles) -> int | None:

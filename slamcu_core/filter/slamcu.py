@@ -92,7 +92,14 @@ class SlamcuFilter:
         )
         self._table = FeatureTable()
         reach = max((s.max_range_m + np.hypot(s.mount.x, s.mount.y) for s in header.sensors), default=0.0)
-        self._around = Neighbourhood(self._table, hd_map, LocalFrame(start.lon, start.lat), self._names, float(reach))
+        self._around = Neighbourhood(
+            self._table,
+            hd_map,
+            LocalFrame(start.lon, start.lat),
+            self._names,
+            reach=float(reach),
+            kept_finds=self.parameters.kept_finds,
+        )
         self._reporter = PassReporter(self._table, hd_map, header.start_time, self._names)
         self._gnss = GnssBias(self.parameters)
         self._calibration = SensorCalibration(self.parameters)

@@ -1,4 +1,4 @@
-"""What the car holds about each feature it has come near, as growing arrays: place, evidence, and the open pass."""
+"""What the car holds about each feature that is near, as arrays of rows: place, evidence, and the open pass."""
 
 from __future__ import annotations
 
@@ -103,6 +103,7 @@ class FeatureTable:
             name: np.zeros((64, *shape), kind) for name, (kind, shape) in _COLUMNS.items()
         }
         self._size = 0
+        self._unused: list[int] = []
         self._bind()
 
     def __len__(self) -> int:
@@ -113,23 +114,42 @@ class FeatureTable:
             setattr(self, name, store[: self._size])
 
     def add(self, kind: int, *, feature_class: int, sign: int, value: int, prior: float = 0.0) -> int:
-        """Append a row and return its index."""
-        row = self._size
-        if row == len(self._store["kind"]):
-            self._store = {name: np.concatenate([s, np.zeros_like(s)]) for name, s in self._store.items()}
-        self._size += 1
-        self._bind()
-        self.reuse(row, kind, feature_class=feature_class, sign=sign, value=value)
-        self.prior[row] = prior
-        return row
-
-    def reuse(self, row: int, kind: int, *, feature_class: int, sign: int, value: int) -> int:
-        """Make a forgotten row stand for something else and return its index."""
+        """Take a row into use and return its index."""
+        row = self._unused_row()
         for store in self._store.values():
             store[row] = 0
         self.kind[row], self.source[row], self.slot[row], self.alive[row] = kind, -1, -1, True
         self.feature_class[row], self.sign[row], self.value[row] = feature_class, sign, value
+        self.prior[row] = prior
         return row
+
+    def take_over(self, other: FeatureTable, row: int) -> int:
+        """Copy a row of another table and return its index here; it has no slot."""
+        mine = self._unused_row()
+        for name, store in self._store.items():
+            store[mine] = other._store[name][row]
+        self.slot[mine] = -1
+        return mine
+
+    def release(self, row: int) -> None:
+        """Give a row up, to be used again."""
+        self.alive[row] = self.open[row] = False
+        self.slot[row] = -1
+        self._unused.append(row)
+
+    @property
+    def used(self) -> int:
+        """Number of rows in use."""
+        return self._size - len(self._unused)
+
+    def _unused_row(self) -> int:
+        if self._unused:
+            return self._unused.pop()
+        if self._size == len(self._store["kind"]):
+            self._store = {name: np.concatenate([s, np.zeros_like(s)]) for name, s in self._store.items()}
+        self._size += 1
+        self._bind()
+        return self._size - 1
 
     def begin_passes(self, rows: NDArray[np.intp], t: float) -> None:
         """Open passes of rows at time t."""
