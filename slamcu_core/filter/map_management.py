@@ -148,7 +148,7 @@ class MapManagement:
         own = (usable & (kind == Kind.NEW) & ~table.reported[rows]).nonzero()[0]
         if len(own):
             usable[own] = self._proven(rows[own])
-        return usable
+        return np.asarray(usable)
 
     def _proven(self, rows: Index) -> NDArray[np.bool_]:
         """Return whether finds have proven to be one thing that stands still."""

@@ -66,4 +66,4 @@ def _ride(now: Array, old: Array) -> NDArray[np.bool_]:
     if riding.any():
         closer -= driven - old[0]
         riding &= votes > np.count_nonzero(same & (closer * closer < slack), axis=1)
-    return riding
+    return np.asarray(riding)
