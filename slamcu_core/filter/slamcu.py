@@ -349,6 +349,16 @@ class SlamcuFilter:
         """How far the filter trusts itself."""
         return self._monitor.state(self._particles.effective / len(self._particles))
 
+    @property
+    def live_rows(self) -> int:
+        """Number of features held at work: what a step costs grows with it, and it does not grow with the drive."""
+        return self._table.used
+
+    @property
+    def live_finds(self) -> int:
+        """Number of the car's own finds that every particle maps."""
+        return int((self._table.slot >= 0).sum())
+
     def features(self) -> list[FeatureEstimate]:
         """Return what is believed of every feature of the map, also those never near, and of the car's own finds."""
         return self._beliefs.estimates()

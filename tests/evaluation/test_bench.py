@@ -29,8 +29,13 @@ def test_the_ways_take_turns_and_none_always_goes_first() -> None:
 
 def test_the_command_prints_and_writes_the_same_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "bench.json"
-    assert run(["bench", "--only", "filter", "--particles", "20", "--json", str(file)]) == 0
-    step = json.loads(file.read_text())["filter_step"]["20"]
+    assert run(["bench", "--only", "filter", "--particles", "20", "--rounds", "1", "--json", str(file)]) == 0
+    figures = json.loads(file.read_text())
+    assert 7.0 < figures["scene"]["scene"]["detections"] < 13.0
+    assert 27.0 < figures["scene"]["scene"]["map_features_in_view"] < 33.0
+    assert 40.0 < figures["scene"]["scene"]["live_finds"] < 60.0
+    assert figures["kernel"]["peer_over_numpy"] > 0.0
+    step = figures["filter_step"]["20"]
     assert step["steps"] > 1000
     assert 0.0 < step["p50_ms"] <= step["p99_ms"]
     assert f"{step['p50_ms']:.2f} ms" in capsys.readouterr().out

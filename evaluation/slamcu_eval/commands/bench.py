@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import platform
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,10 +11,14 @@ import typer
 from rich.table import Table
 
 from slamcu_eval.bench.aggregation import bench_aggregation
+from slamcu_eval.bench.curves import drive_curve, map_curve, memory_curve
 from slamcu_eval.bench.filter_step import bench_filter
 from slamcu_eval.bench.ingest import bench_ingest
+from slamcu_eval.bench.kernel import bench_kernel
+from slamcu_eval.bench.scene_step import bench_scene
 from slamcu_eval.bench.server import bench_server
 from slamcu_eval.console import console, error_console, write_json
+from slamcu_eval.machine import machine
 
 _VEHICLES = 8
 
@@ -24,7 +27,21 @@ class Part(StrEnum):
     """What can be measured by itself."""
 
     FILTER = "filter"
+    CURVES = "curves"
     SERVER = "server"
+
+
+class Scale(StrEnum):
+    """How far the curves go."""
+
+    SMALL = "small"
+    FULL = "full"
+
+
+_CURVES: dict[Scale, dict[str, Any]] = {
+    Scale.SMALL: {"sizes": (1_000, 10_000, 100_000), "lengths_km": (1, 10, 50), "hours": 0.5},
+    Scale.FULL: {"sizes": (1_000, 10_000, 100_000, 1_000_000), "lengths_km": (1, 10, 100, 1_000), "hours": 24.0},
+}
 
 
 def register(app: typer.Typer) -> None:
@@ -35,22 +52,38 @@ def register(app: typer.Typer) -> None:
         *,
         only: Annotated[Part | None, typer.Option(help="Measure this part alone.")] = None,
         particles: Annotated[list[int] | None, typer.Option(min=2, help="Particles; may be given again.")] = None,
-        rounds: Annotated[int, typer.Option(min=1, help="Rounds of the ingest.")] = 5,
+        rounds: Annotated[int, typer.Option(min=1, help="Rounds of what takes turns.")] = 5,
+        scale: Annotated[Scale, typer.Option(help="How far the curves go; full takes minutes.")] = Scale.SMALL,
         requests: Annotated[int, typer.Option(min=4, max=100, help="Requests per round.")] = 40,
         batches: Annotated[int, typer.Option(min=1, max=50, help="Batches of the aggregation.")] = 15,
         seed: Annotated[int, typer.Option(min=0, help="Seed of what is simulated.")] = 0,
         json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
     ) -> None:
-        """Measure the filter's step, the ingest and the aggregation on this machine.
+        """Measure the filter's step, its curves, the ingest and the aggregation on this machine.
 
         Absolutes belong to the machine and the moment; ratios of ways that were run in turn can be compared.
         """
         figures: dict[str, Any] = {"machine": _machine()}
-        if only is not Part.SERVER:
+        if only in {None, Part.FILTER}:
+            counts = particles or [100, 1_000]
+            error_console.print(f"filter: {rounds} rounds in a dense field of signs, in turn")
+            figures["scene"] = bench_scene(counts, rounds, seed)
+            figures["kernel"] = bench_kernel(counts[0], rounds, seed)
+            console.print(_scene_table(figures["scene"], figures["kernel"]))
             error_console.print("filter: one simulated drive per number of particles")
-            figures["filter_step"] = bench_filter(particles or [100, 1_000], seed)
+            figures["filter_step"] = bench_filter(counts, seed)
             console.print(_filter_table(figures["filter_step"]))
-        if only is not Part.FILTER:
+        if only in {None, Part.CURVES}:
+            reach = _CURVES[scale]
+            error_console.print("curves: maps of different sizes")
+            figures["map_size"] = map_curve(reach["sizes"], rounds)
+            error_console.print("curves: after drives of different lengths")
+            figures["drive_length"] = drive_curve(reach["lengths_km"], rounds)
+            error_console.print(f"curves: memory over {reach['hours']:g} hours")
+            figures["memory"] = memory_curve(reach["hours"])
+            for table in _curve_tables(figures):
+                console.print(table)
+        if only in {None, Part.SERVER}:
             error_console.print("server: starting a private one")
             with bench_server(_VEHICLES) as server:
                 error_console.print(f"ingest: {rounds} rounds of each way, in turn")
@@ -63,7 +96,47 @@ def register(app: typer.Typer) -> None:
 
 
 def _machine() -> dict[str, Any]:
-    return {"python": platform.python_version(), "processor": platform.machine(), "processors": os.cpu_count()}
+    return machine() | {"threads": os.environ.get("OPENBLAS_NUM_THREADS", "not limited")}
+
+
+def _scene_table(scene: dict[str, Any], kernel: dict[str, Any]) -> Table:
+    held = scene["scene"]
+    table = Table(
+        title=f"Dense field: {held['detections']:.1f} detections, {held['map_features_in_view']:.1f} map features in "
+        f"view, {held['live_finds']:.1f} live finds"
+    )
+    for column in ("what", "mean", "median", "99th percentile"):
+        table.add_column(column, justify="left" if column == "what" else "right")
+    for particles, row in scene["step_ms"].items():
+        table.add_row(f"step, {particles} particles", *(f"{row[name]:.2f} ms" for name in ("mean", "p50", "p99")))
+    for name, label in (("numpy", "eq. 16-19 on arrays"), ("peer", "eq. 16-19 in plain loops")):
+        table.add_row(f"{label}, {kernel['particles']} particles", "", f"{kernel['ms'][name]:.2f} ms", "")
+    table.add_row("plain loops over arrays", "", f"{kernel['peer_over_numpy']:.0f} times", "")
+    return table
+
+
+def _curve_tables(figures: dict[str, Any]) -> list[Table]:
+    size, length, memory = figures["map_size"], figures["drive_length"], figures["memory"]
+    tables = [
+        _table("Step against the size of the map", ("features", "step", "time to build", "memory")),
+        _table("Step against the length of the drive", ("km", "step", "rows at work")),
+        _table(f"Memory of a session, {memory['map_features']:,} features in its map", ("hours", "filter holds")),
+    ]
+    for name, step in size["step_ms"].items():
+        cost = size["map"][name]
+        tables[0].add_row(f"{int(name):,}", f"{step:.2f} ms", f"{cost['build_s']:.1f} s", f"{cost['memory_mb']:.0f} MB")
+    for name, step in length["step_ms"].items():
+        tables[1].add_row(name, f"{step:.2f} ms", str(length["rows"][name]))
+    for hours, held in zip(memory["hours"], memory["memory_mb"], strict=True):
+        tables[2].add_row(f"{hours:.2f}", f"{held:.2f} MB")
+    return tables
+
+
+def _table(title: str, columns: tuple[str, ...]) -> Table:
+    table = Table(title=title)
+    for column in columns:
+        table.add_column(column, justify="right")
+    return table
 
 
 def _filter_table(figures: dict[str, dict[str, float]]) -> Table:
