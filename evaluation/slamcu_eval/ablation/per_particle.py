@@ -70,9 +70,9 @@ class PerParticle(FrameUpdate):
 
     def _covariance(self, view: View, columns: Index, noise: Array) -> Array:
         """Return the covariances (2, 2, C, M) of the innovations of one detection with variances (2,)."""
-        sight = view.sight[columns]
+        by_feature = self.model.feature_jacobian(self.particles.pose, view.points[:, columns])
         every = np.broadcast_to(noise[:, None], (2, len(columns)))
-        return self._innovation_covariance(view.rows[columns], sight.distance, self.model.by_feature(sight), every)
+        return self._innovation_covariance(view.rows[columns], view.sight.distance[columns], by_feature, every)
 
     def _choose(
         self,
