@@ -33,8 +33,13 @@ def marginalise(model: SensorModel, predicted: Array, weights: Array, extra: Arr
     delta = model.innovation(predicted, reference[:, :, None])
     offset = delta @ weights
     delta -= offset[:, :, None]
-    covariance = np.einsum("ifk,jfk->ijf", delta * weights, delta)
-    return Marginal(reference + offset, covariance + extra)
+    weighted = delta * weights
+    cross = np.einsum("fk,fk->f", weighted[0], delta[1])
+    extra[0, 0] += np.einsum("fk,fk->f", weighted[0], delta[0])
+    extra[1, 1] += np.einsum("fk,fk->f", weighted[1], delta[1])
+    extra[0, 1] += cross
+    extra[1, 0] += cross
+    return Marginal(reference + offset, extra)
 
 
 def associate(

@@ -87,8 +87,3 @@ def birth_covariance(jacobian: Array, noise: Array) -> Array:
     """Return Σ = H⁻¹ R H⁻ᵀ of a feature placed by one measurement, shape (2, 2, ...)."""
     back, _ = inverse_2x2(jacobian)
     return product(back * noise, transpose(back))
-
-
-def sighting_information(jacobian: Array, noise: Array) -> Array:
-    """Return Hᵀ R⁻¹ H, what one measurement tells of a feature's place, shape (2, 2, ...)."""
-    return product(transpose(jacobian) / noise, jacobian)

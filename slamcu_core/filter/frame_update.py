@@ -27,15 +27,15 @@ class View:
     """What one sensor should see at one instant: F rows from M particles.
 
     `sight` is how each particle sees the points (2, F, M); `predicted` (2, F, M) the measurement with each particle's
-    calibration, `unsettled` (2, F) the variance that the poses' pending noise adds to it; `visible` (F,) P(visible) by
-    field of view, `hidden` (F,) the probability of occlusion.
+    calibration; `pending` (3, 3) is the covariance of the poses' pending noise; `visible` (F,) P(visible) by field of
+    view, `hidden` (F,) the probability of occlusion.
     """
 
     rows: Index
     points: Array
     sight: Sight
     predicted: Array
-    unsettled: Array
+    pending: Array
     visible: Array
     hidden: Array
     marginal: Marginal
@@ -119,26 +119,24 @@ class FrameUpdate:
         points[:, own] = self.particles.means[:, slots]
         sight = self.model.sight(self.particles.pose, points)
         predicted = self._calibrated(sight)
+        pending = self.particles.pending_covariance(weights)
         covariance = self.table.covariance[rows].transpose(1, 2, 0)
         covariance[:, :, own] = self.particles.covariances[:, :, slots] @ weights
         mean_distance = sight.distance @ weights
         centre = self.model.sight(mean_pose[:, None], points @ weights)
-        by_feature = self.model.by_feature(centre)
-        extra = ekf.innovation_covariance(by_feature, covariance, self.calibration.measurement_variance(mean_distance))
-        unsettled = np.zeros((2, len(rows)))
-        if self.particles.pending is not None:
-            by_pose = self.model.by_pose(centre, by_feature)
-            pending = self.particles.pending_covariance(weights)[:, :, None]
-            by_pending = ekf.product(ekf.product(by_pose, pending), ekf.transpose(by_pose))
-            unsettled[0], unsettled[1] = by_pending[0, 0], by_pending[1, 1]
-            extra += by_pending
+        by_pose = self.model.by_pose(centre, self.model.by_feature(centre))
+        # H Σ Hᵀ of the features and of the pose's pending noise in one: by place, ∂h/∂x is -H
+        spread = np.empty((3, 3, len(rows)))
+        spread[:] = pending[:, :, None]
+        spread[:2, :2] += covariance
+        extra = ekf.innovation_covariance(by_pose, spread, self.calibration.measurement_variance(mean_distance))
         marginal = marginalise(self.model, predicted, weights, extra)
         visible = visibility_probability(self.model.sensor, sight.distance, wrap_angle(sight.bearing), weights)
         hidden = np.zeros(len(rows))
         if occluders:
             spread = np.sqrt(marginal.covariance[1, 1]) if self.model.has_bearing else np.full(len(rows), 0.01)
             hidden = occlusion_probability(occluders, mean_distance, wrap_angle(centre.bearing), spread)
-        return View(rows, points, sight, predicted, unsettled, visible, hidden, marginal)
+        return View(rows, points, sight, predicted, pending, visible, hidden, marginal)
 
     def pre_associate(self, view: View, seen: Seen) -> tuple[Index, Array]:
         """Assign detections to features by likelihood, one to one (section 4.3.1); return columns (D,) or -1, and NIS.
@@ -170,7 +168,9 @@ class FrameUpdate:
         by_feature = self.model.by_feature(sight)
         q = self._innovation_covariance(view.rows[columns], sight.distance, by_feature, noise)
         by_noise = None
-        if particles.pending is not None and proposal.may_pay(view.unsettled[:, columns], noise):
+        if particles.pending is not None and proposal.may_pay(
+            view.pending, view.marginal.mean[0, columns], noise, self.model
+        ):
             by_noise = proposal.noise_jacobian(self.model.by_pose(sight, by_feature), particles.pending)
         if by_noise is not None and proposal.pays(by_noise, np.array([q[0, 0], q[1, 1]])):
             innovation = self.model.innovation(seen.measurement[:, detections, None], view.predicted[:, columns])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.filter import existence
-from slamcu_core.filter.ekf import apply, birth_covariance, sighting_information
+from slamcu_core.filter.ekf import birth_covariance
 from slamcu_core.filter.existence import State
 from slamcu_core.filter.frame_update import Seen, View
 from slamcu_core.filter.neighbourhood import Neighbourhood
@@ -109,14 +109,11 @@ class MapManagement:
         """Note where rows were seen, for their reports and for whether they stand still."""
         table = self._table
         measured, noise = seen.measurement[:, detections], seen.noise[:, detections]
-        pose = now.pose[:, None]
-        place = model.invert(pose, measured)
-        information = sighting_information(model.feature_jacobian(pose, place), noise)
+        (x, y), (xx, xy, yy) = model.placed(now.pose, measured, noise)
         weight = 1.0 / noise[0]
-        table.seen_information[rows] += information.transpose(2, 0, 1)
-        table.seen_vector[rows] += apply(information, place).T
-        table.view_weight[rows] += weight
-        table.view_from[rows] += weight[:, None] * now.pose[:2]
+        vector = xx * x + xy * y, xy * x + yy * y
+        sums = xx, xy, xy, yy, *vector, weight, weight * now.pose[0], weight * now.pose[1]
+        table.sighted[rows] += np.array(sums).T  # in the order of its parts
         own = (table.kind[rows] == Kind.NEW).nonzero()[0]
         if len(own):
             self._track(model, rows[own], measured[:, own], weight[own], now)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from slamcu_core.filter.ekf import apply, inverse_2x2, mahalanobis_square, product, transpose
 from slamcu_core.filter.particles import Particles
+from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]
 
@@ -24,12 +25,19 @@ def noise_jacobian(by_pose: Array, pending: Array) -> Array:
     return product(by_pose, pending[:, :, None])
 
 
-def may_pay(unsettled: Array, noise: Array) -> bool:
-    """Return whether `pays` could say yes, from variances (2, A) at the mean pose, where it costs next to nothing.
+def may_pay(pending: Array, distance: Array, noise: Array, model: SensorModel) -> bool:
+    """Return whether `pays` could say yes, from bounds that cost next to nothing.
 
-    R is less than the innovation's covariance; the margin is for the particles' differing from their mean.
+    `pending` (3, 3) is the mean covariance of the pending noise; the place's adds at most its trace to the variance of
+    a range and trace/r² to that of a bearing, the heading's at most r² σ² and σ², and both together twice as much.
+    `noise` (2, A) is less than the innovations' covariance.
     """
-    return bool((unsettled / noise).mean(axis=1).max() > 0.05)
+    place, heading = 2.0 * float(pending[0, 0] + pending[1, 1]), 2.0 * float(pending[2, 2])
+    if not model.has_bearing:
+        return True
+    reach = np.maximum(distance, 1.0)
+    bounds = place / noise[0].min(), ((heading + place / (reach * reach)) / noise[1]).max()
+    return bool(max(bounds) > 0.05)
 
 
 def pays(by_noise: Array, variance: Array) -> bool:

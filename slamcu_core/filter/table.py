@@ -48,14 +48,19 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     "blocked": (np.int64, ()),
     "looks_hit": (np.float64, ()),  # independent looks of the pass that found it, and that did not
     "looks_missed": (np.float64, ()),
-    "seen_information": (np.float64, (2, 2)),  # Σ R⁻¹ of sightings in the frame, 1/m²
-    "seen_vector": (np.float64, (2,)),  # Σ R⁻¹ p
-    "view_weight": (np.float64, ()),  # Σ 1/σ_r² of sightings
-    "view_from": (np.float64, (2,)),  # Σ (place of the sensor) / σ_r²
+    "sighted": (np.float64, (9,)),  # sums over the sightings of the pass; its parts are named in _PARTS
     # regression of place along the road on time: does it stand still?
     "axis": (np.float64, (2,)),  # the road's direction and our place at birth, by dead reckoning
     "origin": (np.float64, (2,)),
     "track": (np.float64, (5,)),  # Σw, Σwt, Σwt², Σwy, Σwty
+}
+
+
+_PARTS: dict[str, tuple[slice, tuple[int, ...]]] = {
+    "seen_information": (slice(0, 4), (2, 2)),  # Σ R⁻¹ of sightings in the frame, 1/m²
+    "seen_vector": (slice(4, 6), (2,)),  # Σ R⁻¹ p
+    "view_weight": (slice(6, 7), ()),  # Σ 1/σ_r² of sightings
+    "view_from": (slice(7, 9), (2,)),  # Σ (place of the sensor) / σ_r²
 }
 
 
@@ -90,6 +95,7 @@ class FeatureTable:
     blocked: NDArray[np.int64]
     looks_hit: Array
     looks_missed: Array
+    sighted: Array
     seen_information: Array
     seen_vector: Array
     view_weight: Array
@@ -112,6 +118,8 @@ class FeatureTable:
     def _bind(self) -> None:
         for name, store in self._store.items():
             setattr(self, name, store[: self._size])
+        for name, (part, shape) in _PARTS.items():
+            setattr(self, name, self.sighted[:, part].reshape(self._size, *shape))
 
     def add(self, kind: int, *, feature_class: int, sign: int, value: int, prior: float = 0.0) -> int:
         """Take a row into use and return its index."""
@@ -157,8 +165,7 @@ class FeatureTable:
         self.pass_start[rows] = t
         for name in ("pass_for", "pass_against", "detected", "missed", "blocked", "looks_hit", "looks_missed"):
             self._store[name][rows] = 0
-        for name in ("seen_information", "seen_vector", "view_weight", "view_from"):
-            self._store[name][rows] = 0.0
+        self.sighted[rows] = 0.0
         self.passes[rows] += 1
 
 

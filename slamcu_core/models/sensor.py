@@ -23,20 +23,24 @@ class Sight:
     """Points as one sensor sees them from vehicle poses, with what the Jacobians need.
 
     `delta` (2, ...) leads from the sensor to the points in the local frame, `distance` (m) and `bearing` (rad from the
-    sensor's axis, up to whole turns) are true; `measurement` (2, ...) is h(x, m), its bearing likewise.
+    sensor's axis, up to whole turns) are true; `ahead_left` (2, ...) is what a position sensor measures, else None.
     """
 
     delta: Array
     distance: Array
     bearing: Array
-    measurement: Array
+    ahead_left: Array | None
     pose: Array
+
+    @property
+    def measurement(self) -> Array:
+        """What the sensor measures, h(x, m), shape (2, ...), a bearing up to whole turns."""
+        return np.array([self.distance, self.bearing]) if self.ahead_left is None else self.ahead_left
 
     def __getitem__(self, index: NDArray[np.intp]) -> Sight:
         """Return the sight of some of F points, seen from M poses: each array is (..., F, M)."""
-        return Sight(
-            self.delta[:, index], self.distance[index], self.bearing[index], self.measurement[:, index], self.pose
-        )
+        ahead_left = None if self.ahead_left is None else self.ahead_left[:, index]
+        return Sight(self.delta[:, index], self.distance[index], self.bearing[index], ahead_left, self.pose)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +76,7 @@ class SensorModel:
         distance = np.sqrt(delta[0] * delta[0] + delta[1] * delta[1])
         bearing = np.arctan2(delta[1], delta[0]) - direction
         if self.has_bearing:
-            return Sight(delta, distance, bearing, np.array([distance, bearing]), pose)
+            return Sight(delta, distance, bearing, None, pose)
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
         x, y = _difference(points, pose[:2])
         return Sight(delta, distance, bearing, np.array([x * cos + y * sin, y * cos - x * sin]), pose)
@@ -125,6 +129,21 @@ class SensorModel:
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
         x, y = measurement
         return np.array([pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y])
+
+    def placed(self, pose: Array, measurement: Array, noise: Array) -> tuple[Array, Array]:
+        """Return where measurements (2, A) from one pose (3,) place features, (2, A), and how much they tell of it.
+
+        That is Hᵀ R⁻¹ H as xx, xy, yy (3, A), in 1/m²: 1/σ_r² along the line of sight and 1/(r σ_b)² across it.
+        """
+        place = self.invert(pose[:, None], measurement)
+        if not self.has_bearing:  # H is a rotation, and R the same in both axes
+            along = 1.0 / noise[0]
+            return place, np.array([along, np.zeros_like(along), along])
+        angle = self.origin(pose)[1] + measurement[1]
+        cos, sin = np.cos(angle), np.sin(angle)
+        along, across = 1.0 / noise[0], 1.0 / (noise[1] * np.maximum(measurement[0], 1e-3) ** 2)
+        xy = (along - across) * cos * sin
+        return place, np.array([along * cos * cos + across * sin * sin, xy, along * sin * sin + across * cos * cos])
 
     def noise(self, measurement: ArrayLike) -> Array:
         """Return the variances (2, ...) of R_t for measurements (2, ...); range noise grows with range."""
