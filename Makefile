@@ -28,7 +28,7 @@ lint: setup ## Check style, types and the import rules
 	$(BIN)/mypy --strict
 	$(BIN)/lint-imports
 
-bench: setup ## Measure the filter's step, the ingest and the aggregation on this machine
+bench: setup ## Measure the filter's step and its curves, the ingest and the aggregation on this machine
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/slamcu-eval bench $(BENCH_ARGS)
 
 figures: setup ## Measure again what the documentation quotes (STAGES='paper plots'; MRCLAM_DIR=...: recorded robots too)

@@ -134,8 +134,8 @@ class FrameUpdate:
         visible = visibility_probability(self.model.sensor, sight.distance, wrap_angle(sight.bearing), weights)
         hidden = np.zeros(len(rows))
         if occluders:
-            spread = np.sqrt(marginal.covariance[1, 1]) if self.model.has_bearing else np.full(len(rows), 0.01)
-            hidden = occlusion_probability(occluders, mean_distance, wrap_angle(centre.bearing), spread)
+            bearing_std = np.sqrt(marginal.covariance[1, 1]) if self.model.has_bearing else np.full(len(rows), 0.01)
+            hidden = occlusion_probability(occluders, mean_distance, wrap_angle(centre.bearing), bearing_std)
         return View(rows, points, sight, predicted, pending, visible, hidden, marginal)
 
     def pre_associate(self, view: View, seen: Seen) -> tuple[Index, Array]:
