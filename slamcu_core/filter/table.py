@@ -115,6 +115,13 @@ class FeatureTable:
     def __len__(self) -> int:
         return self._size
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {"_store": self._store, "_size": self._size, "_unused": self._unused}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._bind()  # a copy's views must be of its own rows
+
     def _bind(self) -> None:
         for name, store in self._store.items():
             setattr(self, name, store[: self._size])

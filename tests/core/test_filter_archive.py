@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from datetime import UTC, datetime
 
@@ -86,6 +87,15 @@ def test_a_find_comes_back_as_it_was_in_whatever_frame_the_car_has_then() -> Non
     assert (table.weight_for[back], table.passes[back], table.slot[back]) == (5.0, 2, -1)
     assert table.reported[back]
     assert table.alive[back]
+
+
+def test_a_copy_of_a_car_drives_on_as_the_car_does() -> None:
+    car, _ = _outcome(6.0)
+    twin = copy.deepcopy(car)
+    for record in _records(20.0):
+        if record.t > 6.0:
+            assert car.feed(record) == twin.feed(record)
+    assert car.features() == twin.features()
 
 
 def test_beyond_its_bound_the_archive_drops_the_oldest_find() -> None:
