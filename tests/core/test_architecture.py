@@ -17,22 +17,9 @@ LONGEST_MODULE = 400  # lines; beyond that a module says more than one thing
 
 # Written in parts, so that this file does not hold what it forbids.
 MACHINE_PATH = re.compile(r"(?<![\w.~*-])/(?:" + "|".join(("work", "root", "home")) + r")/[\w.-]")
+# Where packages come from is the user's business: no file points an installer at an index of its own.
 REGISTRY = re.compile(
-    "|".join(
-        re.escape(host)
-        for host in (
-            "pypi" + ".org",
-            "pythonhosted" + ".org",
-            "npmjs" + ".org",
-            "proxy.golang" + ".org",
-            "crates" + ".io",
-            "ghcr" + ".io",
-            "deb.debian" + ".org",
-            "--index" + "-url",
-            "--extra-index" + "-url",
-            "--find" + "-links",
-        )
-    )
+    "|".join(("--(?:extra-)?index" + "-url", "--find" + "-links", r"https?://[\w.-]+/simple" + r"\b"))
 )
 
 
