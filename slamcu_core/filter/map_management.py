@@ -74,7 +74,6 @@ class MapManagement:
         existence.add(table, view.rows, weight_for, weight_against, parameters.evidence_cap)
         table.looks_missed[view.rows] += missed * looked
         table.hits[hit_rows] += 1
-        table.last_hit[hit_rows] = now.t
         if len(hit_rows):
             self._sight(model, hit_rows, seen, detections, now)
 
@@ -183,7 +182,7 @@ class MapManagement:
         self._votes.pop(row, None)  # of a find that had this row before and was left behind
         table.slot[row] = slot
         table.nominal[row] = model.sensor.detection_probability
-        table.born[row] = table.last_hit[row] = now.t
+        table.born[row] = now.t
         table.hits[row] = 1
         table.xy[row] = place @ particles.weights
         table.axis[row] = np.cos(now.reckoned[2]), np.sin(now.reckoned[2])

@@ -34,7 +34,6 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     "weight_against": (np.float64, ()),
     "hits": (np.int64, ()),
     "born": (np.float64, ()),
-    "last_hit": (np.float64, ()),
     "passes": (np.int64, ()),
     "nominal": (np.float64, ()),  # P_D of the sensor that found it
     # the open pass
@@ -82,7 +81,6 @@ class FeatureTable:
     weight_against: Array
     hits: NDArray[np.int64]
     born: Array
-    last_hit: Array
     passes: NDArray[np.int64]
     nominal: Array
     open: NDArray[np.bool_]
