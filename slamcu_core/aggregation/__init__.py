@@ -1,6 +1,7 @@
 """The cloud's half of the evidence law as pure functions: folding contributions, positions, candidates."""
 
 from slamcu_core.aggregation.candidates import Clusters, cluster
+from slamcu_core.aggregation.course import Course, Histories, discounted, fold_histories
 from slamcu_core.aggregation.groups import connected_groups
 from slamcu_core.aggregation.law import (
     EPOCH_S,
@@ -10,8 +11,10 @@ from slamcu_core.aggregation.law import (
     PassEvidence,
     Side,
     contributions,
+    contributions_each,
     decayed,
     fold,
+    fold_each,
 )
 from slamcu_core.aggregation.policy import ClassPolicy, Policy
 from slamcu_core.aggregation.position import FusedPosition, fuse_positions
@@ -21,16 +24,22 @@ __all__ = [
     "ClassPolicy",
     "Clusters",
     "Contribution",
+    "Course",
     "FoldStep",
     "FoldedState",
     "FusedPosition",
+    "Histories",
     "PassEvidence",
     "Policy",
     "Side",
     "cluster",
     "connected_groups",
     "contributions",
+    "contributions_each",
     "decayed",
+    "discounted",
     "fold",
+    "fold_each",
+    "fold_histories",
     "fuse_positions",
 ]

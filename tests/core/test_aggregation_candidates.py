@@ -136,7 +136,7 @@ def test_a_partition_keeps_the_rules(passes: list[Pass]) -> None:
 
 @given(some_passes, some_passes)
 def test_a_connected_group_does_not_depend_on_the_others(near: list[Pass], far: list[Pass]) -> None:
-    far = [dataclasses.replace(item, x=item.x + 100.0, session="far") for item in far]
+    far = [dataclasses.replace(item, x=item.x + 100.0, session=f"far-{item.session}") for item in far]
     together = _partition([*near, *far], _cluster([*near, *far]))
     apart = _partition(near, _cluster(near)) | _partition(far, _cluster(far))
     assert together == apart

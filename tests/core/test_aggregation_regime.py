@@ -7,51 +7,56 @@ holds what they gave.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from slamcu_core.aggregation import ClassPolicy, PassEvidence, Side, contributions, fold
-from slamcu_core.evidence import masses_from_weights, support
+from slamcu_core.aggregation import (
+    ClassPolicy,
+    Histories,
+    PassEvidence,
+    Side,
+    contributions,
+    contributions_each,
+    discounted,
+    fold,
+    fold_each,
+    fold_histories,
+)
+from slamcu_core.evidence import support
 
 POLICY = ClassPolicy()
 PRIOR = float(support(0.95))
 SURE = 40.0
 
+Flags = NDArray[np.bool_]
 
-def _stands(missed: NDArray[np.bool_], policy: ClassPolicy) -> Iterator[NDArray[np.bool_]]:
+
+def _stands(missed: Flags, policy: ClassPolicy) -> Flags:
     """Say after each full pass, by a new car each, which features are deleted; `missed` is (passes, features)."""
-    worth = -np.log1p(-policy.trust)
-    F, A = np.full(missed.shape[1], PRIOR), np.zeros(missed.shape[1])
-    standing = np.zeros(missed.shape[1], bool)
-    counts_for = int(np.log(policy.contributor_weight / worth) / np.log(policy.forgetting)) + 1  # passes
-    for step, miss in enumerate(missed):
-        F, A = policy.forgetting * F + worth * ~miss, policy.forgetting * A + worth * miss
-        quorum = missed[max(step + 1 - counts_for, 0) : step + 1].sum(axis=0) >= policy.contributors_deleted
-        _, mass, _ = masses_from_weights(F, A)
-        standing = (standing | ((mass >= policy.enter) & quorum)) & (mass >= policy.leave)
-        yield standing
+    f, a, w = discounted(np.where(missed, 0.0, SURE), np.where(missed, SURE, 0.0), policy.trust, policy)
+    who = np.broadcast_to(np.arange(len(missed))[:, None], missed.shape)
+    return fold_histories(Histories(f, a, w, who), PRIOR, policy, deleted=True).standing
+
+
+def _entered(standing: Flags) -> Flags:
+    """Say at which passes a deletion begins to stand, (passes, features)."""
+    return standing & ~np.vstack([np.zeros((1, standing.shape[1]), bool), standing[:-1]])
 
 
 def false_deletions_of_a_fresh_map(miss_rate: float, policy: ClassPolicy, *, passes: int = 10) -> float:
     """Return the false deletions per 10⁴ passes in the first passes, exactly: over all courses that they can take."""
     missed = (np.arange(2**passes) >> np.arange(passes)[:, None]) % 2 == 1
     likely = np.where(missed, miss_rate, 1.0 - miss_rate).prod(axis=0)
-    standing = np.array([np.zeros(2**passes, bool), *_stands(missed, policy)])
-    entered = (standing[1:] & ~standing[:-1]).sum(axis=0)
+    entered = _entered(_stands(missed, policy)).sum(axis=0)
     return float(entered @ likely) / passes * 1e4
 
 
 def false_deletions(miss_rate: float, policy: ClassPolicy, *, passes: int, features: int, skip: int = 0) -> float:
     """Return the false deletions per 10⁴ passes in the passes after the first `skip`, by simulation."""
     missed = np.random.default_rng(11).random((skip + passes, features)) < miss_rate
-    before, entered = np.zeros(features, bool), 0
-    for step, standing in enumerate(_stands(missed, policy)):
-        entered += int((standing & ~before).sum()) if step >= skip else 0
-        before = standing
-    return entered / (passes * features) * 1e4
+    return int(_entered(_stands(missed, policy))[skip:].sum()) / (passes * features) * 1e4
 
 
 def passes_to_deletion(
@@ -60,23 +65,33 @@ def passes_to_deletion(
     """Return how many passes after its removal each feature, (features,), stands deleted; 5 % see something there."""
     rng = np.random.default_rng(12)
     missed = np.vstack([rng.random((seen_before, features)) < miss_rate, rng.random((40, features)) < 1.0 - miss_rate])
-    course = np.array(list(_stands(missed, policy)))[seen_before:]
+    course = _stands(missed, policy)[seen_before:]
     assert course.any(axis=0).all()
     return np.asarray(course.argmax(axis=0) + 1)
 
 
-def test_the_vectorised_law_is_the_law() -> None:
-    missed = np.random.default_rng(13).random((POLICY.window, 60)) < np.linspace(0.05, 0.9, 60)
-    course = np.array(list(_stands(missed, POLICY)))
-    for feature in range(missed.shape[1]):
-        passes = [
-            PassEvidence(i, 3600.0 * i, 0.0 if miss else SURE, SURE if miss else 0.0)
-            for i, miss in enumerate(missed[:, feature].tolist())
+def test_many_features_side_by_side_fold_as_each_does_alone() -> None:
+    rng = np.random.default_rng(13)
+    features = []
+    for odds in np.linspace(0.05, 0.9, 60):
+        missed = rng.random(int(rng.integers(0, POLICY.window + 9))) < odds
+        weights = zip(rng.uniform(0.0, 5.0, (len(missed), 2)).tolist(), missed.tolist(), strict=True)
+        features.append(
+            [
+                PassEvidence(int(rng.integers(9)), 1800.0 * i, 0.1 * f if miss else f, a if miss else 0.1 * a)
+                for i, ((f, a), miss) in enumerate(weights)
+            ]
+        )
+    priors = rng.uniform(0.0, 4.0, len(features)).tolist()
+    for side in Side:
+        parts = contributions_each(features, POLICY)
+        assert parts == [contributions(passes, POLICY) for passes in features]
+        together = fold_each(parts, prior_weights=priors, policy=POLICY, side=side, with_steps=True)
+        alone = [
+            fold(mine, prior_weight=prior, policy=POLICY, side=side) for mine, prior in zip(parts, priors, strict=True)
         ]
-        state = fold(contributions(passes, POLICY), prior_weight=PRIOR, policy=POLICY, side=Side.DELETED)
-        assert [step.standing for step in state.steps] == course[:, feature].tolist()
-    assert course.any()
-    assert not course.all()
+        assert together == alone
+        assert {state.standing for state in together} == {True, False}
 
 
 def test_few_false_deletions_while_the_map_is_fresh() -> None:

@@ -1,0 +1,132 @@
+"""The fold over arrays: many features side by side, each with exactly the numbers that it has alone.
+
+`law` folds lists of contributions through here, a simulation of millions of passes its arrays: the law stands once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from slamcu_core.aggregation.policy import ClassPolicy
+from slamcu_core.errors import EvidenceError
+from slamcu_core.evidence import masses_from_weights, weights_from_masses
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Histories:
+    """The contributions of N features in K steps, oldest first; after its last a feature has vacuous ones."""
+
+    weight_for: Array  # (K, N), f >= 0, discounted
+    weight_against: Array  # (K, N), a >= 0, discounted
+    informativeness: Array  # (K, N), w in [0, 1]
+    contributor: Indices  # (K, N), codes from 0 that tell the contributors of one feature apart
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """How N features fared over K steps, and who still speaks at the end."""
+
+    weight_for: Array  # (K, N), F after each step
+    weight_against: Array  # (K, N), A
+    standing: Flags  # (K, N)
+    contributors_for: Indices  # (N,), contributors whose weight for the feature is still in the fold
+    contributors_against: Indices  # (N,)
+
+
+def discounted(
+    weight_for: ArrayLike, weight_against: ArrayLike, trust: ArrayLike, policy: ClassPolicy
+) -> tuple[Array, Array, Array]:
+    """Discount the summed weights of contributors once, and return f, a and the informativeness w.
+
+    w = (1 - u)/α with the policy's α: a contributor trusted less than that can neither say nor erase much. Arguments of
+    any shape that broadcasts; trust α in [0, 1).
+    """
+    alpha = np.asarray(trust, float)
+    e, n, u = masses_from_weights(weight_for, weight_against)
+    f, a = weights_from_masses(alpha * e, alpha * n, 1.0 - alpha + alpha * u)
+    return f, a, np.minimum(alpha * (1.0 - u) / policy.trust, 1.0)
+
+
+def fold_histories(histories: Histories, prior_weight: ArrayLike, policy: ClassPolicy, *, deleted: bool) -> Course:
+    """Fold: F ← γ^w F + f, A ← γ^w A + a, F from the prior, A from 0, and say where the change stands.
+
+    It stands from the step at which its mass reaches `enter` with enough different contributors until the mass falls
+    below `leave`. Every number of a feature is the same to the last bit whatever features it is folded with.
+
+    Parameters
+    ----------
+    prior_weight : f of the maps' priors, broadcast to (N,).
+    deleted : whether absence is what stands; else existence.
+
+    Raises EvidenceError if a prior is out of range.
+    """
+    steps, features = histories.weight_for.shape
+    F = np.array(np.broadcast_to(np.asarray(prior_weight, float), (features,)))
+    if not (np.isfinite(F).all() and (F >= 0.0).all()):
+        raise EvidenceError(
+            f"the prior's weight must be finite and at least 0, not {F[~(np.isfinite(F) & (F >= 0.0))][0]}"
+        )
+    A = np.zeros(features)
+    course_for, course_against = np.empty((steps, features)), np.empty((steps, features))
+    kept = policy.forgetting**histories.informativeness
+    for step in range(steps):
+        F = kept[step] * F + histories.weight_for[step]
+        A = kept[step] * A + histories.weight_against[step]
+        course_for[step], course_against[step] = F, A
+
+    everyone = np.arange(features)
+    return Course(
+        course_for,
+        course_against,
+        _standing(histories, course_for, course_against, policy, deleted=deleted),
+        _contributors(histories, histories.weight_for, steps, everyone, policy),
+        _contributors(histories, histories.weight_against, steps, everyone, policy),
+    )
+
+
+def _standing(
+    histories: Histories, course_for: Array, course_against: Array, policy: ClassPolicy, *, deleted: bool
+) -> Flags:
+    exists, not_exists, _ = masses_from_weights(course_for, course_against)
+    if deleted:
+        mass, weight, quorum = not_exists, histories.weight_against, policy.contributors_deleted
+    else:
+        mass, weight, quorum = exists, histories.weight_for, policy.contributors_new
+    reached = mass >= policy.enter
+    result = np.zeros(reached.shape, bool)
+    if not reached.any():
+        return result
+    stands = np.zeros(reached.shape[1], bool)
+    for step in range(len(reached)):
+        asking = np.flatnonzero(reached[step] & ~stands)
+        if asking.size:
+            stands[asking] = _contributors(histories, weight, step + 1, asking, policy) >= quorum
+        stands = stands & (mass[step] >= policy.leave)
+        result[step] = stands
+    return result
+
+
+def _contributors(histories: Histories, weight: Array, steps: int, features: Indices, policy: ClassPolicy) -> Indices:
+    """Count after a number of steps, for M features, the contributors of whose weights enough is left in the fold.
+
+    A contributor is counted while at least `contributor_weight` of what it said on that side is left: misses that
+    everyone has forgotten must not help one car to a quorum.
+    """
+    if not steps or not features.size:
+        return np.zeros(features.size, np.intp)
+    forgotten = np.cumsum(histories.informativeness[:steps, features], axis=0)
+    left = policy.forgetting ** (forgotten[-1] - forgotten) * weight[:steps, features]
+    who = histories.contributor[:steps, features]
+    width = int(who.max()) + 1
+    # a contributor that speaks twice has one sum
+    rows = np.arange(features.size) * width + who
+    sums = np.bincount(rows.ravel(), left.ravel(), minlength=features.size * width)
+    enough = sums.reshape(features.size, width) >= policy.contributor_weight
+    return np.asarray(np.count_nonzero(enough, axis=1), np.intp)
