@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import UTC
 
 from slamcu_core.catalogue import FEATURE_CLASSES, SIGN_TYPES, TRAFFIC_SIGN
 from slamcu_core.errors import WireError
@@ -11,9 +12,11 @@ from slamcu_core.sensoris.policy import DEFAULT_LIMITS, WireLimits
 
 INT64_MAX = 2**63 - 1
 
-DETECTED = frozenset({DetectionStatus.EXPECTED_AND_DETECTED, DetectionStatus.NOT_EXPECTED_AND_DETECTED})
-NOT_DETECTED = frozenset(
-    {DetectionStatus.EXPECTED_AND_NOT_DETECTED, DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE}
+# tuples: a member is found in them by its identity, in a set by the slow hash of an enumeration
+DETECTED = (DetectionStatus.EXPECTED_AND_DETECTED, DetectionStatus.NOT_EXPECTED_AND_DETECTED)
+NOT_DETECTED = (
+    DetectionStatus.EXPECTED_AND_NOT_DETECTED,
+    DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE,
 )
 
 
@@ -81,12 +84,15 @@ def check_position(position: MeasuredPosition, limits: WireLimits) -> None:
             f"longitude {position.lon:g}, latitude {position.lat:g}; expected [-180, 180] and [-90, 90] degrees",
         )
     xx, xy, yy = position.covariance_m2
-    if not (math.isfinite(xx) and math.isfinite(xy) and math.isfinite(yy)) or not (xx > 0 and xx * yy - xy * xy > 0):
+    if not (0.0 < xx < math.inf and 0.0 < yy < math.inf and 0.0 < xx * yy - xy * xy < math.inf):
         raise WireError(
             "bad-covariance", f"the covariance [xx, xy, yy] = [{xx:g}, {xy:g}, {yy:g}] m² is not positive definite"
         )
+    most = limits.max_position_std_m**2
+    if xx + yy <= most:  # the trace bounds the longer axis
+        return
     largest = (xx + yy) / 2 + math.hypot((xx - yy) / 2, xy)
-    if largest > limits.max_position_std_m**2:
+    if largest > most:
         raise WireError(
             "bad-covariance",
             f"a standard deviation of {math.sqrt(largest):g} m, expected at most {limits.max_position_std_m:g} m",
@@ -101,13 +107,17 @@ def _check_kind(report: PassReport, limits: WireLimits) -> None:
         )
     if report.feature_class == TRAFFIC_SIGN and report.sign is not None and report.sign not in SIGN_TYPES:
         raise WireError("unknown-sign", f"{report.sign!r} is no SENSORIS TrafficSign type")
-    for name, text in (("sign", report.sign), ("value", report.value)):
-        if text is not None:
-            check_text(name, text, limits)
+    if report.sign is not None:
+        check_text("sign", report.sign, limits)
+    if report.value is not None:
+        check_text("value", report.value, limits)
 
 
 def _check_times(report: PassReport, limits: WireLimits) -> None:
-    for name, instant in (("start", report.started_at), ("end", report.ended_at)):
+    start, end = report.started_at, report.ended_at
+    if start.tzinfo is end.tzinfo is UTC and limits.earliest <= start <= end <= limits.latest:
+        return
+    for name, instant in (("start", start), ("end", end)):
         if instant.tzinfo is None:
             raise WireError("bad-time", f"the {name} of a pass has no time zone")
         if not limits.earliest <= instant <= limits.latest:
@@ -125,23 +135,22 @@ def _check_times(report: PassReport, limits: WireLimits) -> None:
 
 def _check_evidence(report: PassReport, limits: WireLimits) -> None:
     f, a = report.weight_for, report.weight_against
-    for name, weight in (("for", f), ("against", a)):
-        if not 0.0 <= weight <= limits.max_pass_weight:  # a NaN fails too
-            raise WireError(
-                "bad-weight", f"the evidence {name} weighs {weight:g}, expected 0 to {limits.max_pass_weight:g}"
-            )
-    for name, count in (
-        ("detected", report.frames_detected),
-        ("missed", report.frames_missed),
-        ("blocked", report.frames_blocked),
-    ):
-        if not 0 <= count <= limits.max_frames:
-            raise WireError("bad-count", f"{count} frames {name}, expected 0 to {limits.max_frames}")
-    if (
-        (report.status in DETECTED and f == 0.0 < a)
-        or (report.status in NOT_DETECTED and a == 0.0 < f)
-        or (report.status not in DETECTED | NOT_DETECTED and (f > 0.0 or a > 0.0))
-    ):
+    most = limits.max_pass_weight
+    if not (0.0 <= f <= most and 0.0 <= a <= most):  # a NaN fails too
+        name, weight = ("against", a) if 0.0 <= f <= most else ("for", f)
+        raise WireError("bad-weight", f"the evidence {name} weighs {weight:g}, expected 0 to {most:g}")
+    counts = report.frames_detected, report.frames_missed, report.frames_blocked
+    if not (min(counts) >= 0 and max(counts) <= limits.max_frames):
+        for name, count in zip(("detected", "missed", "blocked"), counts, strict=True):
+            if not 0 <= count <= limits.max_frames:
+                raise WireError("bad-count", f"{count} frames {name}, expected 0 to {limits.max_frames}")
+    if report.status in DETECTED:
+        contradicts = f == 0.0 < a
+    elif report.status in NOT_DETECTED:
+        contradicts = a == 0.0 < f
+    else:
+        contradicts = f > 0.0 or a > 0.0
+    if contradicts:
         raise WireError("contradiction", f"status {report.status} with evidence of {f:g} for and {a:g} against")
 
 

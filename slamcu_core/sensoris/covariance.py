@@ -27,6 +27,17 @@ def write_covariance(target: base_pb2.Int64Matrix3x3, covariance_m2: tuple[float
     target.a12.value = target.a21.value = xy
 
 
+def east_north_covariance(
+    position: spatial_pb2.PositionAndAccuracy, default_std_m: float
+) -> tuple[float, float, float]:
+    """Return the covariance [xx, xy, yy] in m² of a geographic position. Raises as `horizontal_covariance` does."""
+    if position.WhichOneof("accuracy") == "covariance":
+        xx, xy, yy = _checked(position.covariance)
+        return xx / _MM2, xy / _MM2, yy / _MM2
+    covariance = horizontal_covariance(position, default_std_m)
+    return float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
+
+
 def horizontal_covariance(position: spatial_pb2.PositionAndAccuracy, default_std_m: float) -> Array:
     """Return the covariance (3, 3) in m² of a position's accuracy, in the axes of the position.
 
@@ -65,6 +76,7 @@ def _std_m(name: str, millimetres: int) -> float:
 
 
 def _matrix(matrix: base_pb2.Int64Matrix3x3) -> Array:
+    _checked(matrix)
     rows = np.array(
         [
             [matrix.a11.value, matrix.a12.value, matrix.a13.value],
@@ -73,11 +85,16 @@ def _matrix(matrix: base_pb2.Int64Matrix3x3) -> Array:
         ],
         float,
     )
-    xx, xy, yy = rows[0, 0], rows[0, 1], rows[1, 1]
-    if xy != rows[1, 0] or not (xx > 0 and xx * yy - xy * xy > 0):
+    return rows / _MM2
+
+
+def _checked(matrix: base_pb2.Int64Matrix3x3) -> tuple[float, float, float]:
+    """Return the horizontal part [xx, xy, yy] in mm². Raises WireError unless it is a covariance."""
+    xx, xy, yx, yy = (float(each.value) for each in (matrix.a11, matrix.a12, matrix.a21, matrix.a22))
+    if xy != yx or not (xx > 0 and xx * yy - xy * xy > 0):
         raise WireError(
             "bad-covariance",
-            f"the covariance (a11, a12, a21, a22) = ({xx:g}, {xy:g}, {rows[1, 0]:g}, {yy:g}) mm² "
+            f"the covariance (a11, a12, a21, a22) = ({xx:g}, {xy:g}, {yx:g}, {yy:g}) mm² "
             "is not symmetric and positive definite",
         )
-    return rows / _MM2
+    return xx, xy, yy

@@ -43,12 +43,13 @@ def decode_message(
         except DecodeError as error:
             raise WireError("not-protobuf", "the bytes are not a serialized SENSORIS DataMessage") from error
     report = read_envelope(message)
-    ids = EventIds(message, limits)
+    found = [tuple(detections(group)) for group in message.event_group]
+    ids = EventIds(message, found, limits)
     references = map_references(message, ids)
     passes: list[tuple[int, PassReport]] = []
-    for group in message.event_group:
+    for group, mine in zip(message.event_group, found, strict=True):
         positions = PositionReader(group, limits, defaults)
-        for detection in detections(group):
+        for detection in mine:
             number = detection.envelope.id.value
             try:
                 passes.append((number, _read_pass(detection, positions, references.get(number), defaults)))

@@ -7,7 +7,7 @@ all else: ObjectDetectionCategory.static_object.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from slamcu_core.catalogue import STATIC_OBJECT, TRAFFIC_LIGHT, TRAFFIC_SIGN
 from slamcu_core.reports import PassReport
@@ -32,21 +32,16 @@ _SIGNS: dict[int, str] = {n: name for name, n in TrafficSign.TypeAndConfidence.T
 _STATIC_CLASSES: dict[int, str] = {n: name.lower() for name, n in StaticObject.TypeAndConfidence.Type.items() if n}
 
 
-@dataclass(frozen=True, slots=True)
-class Detection:
+class Detection(NamedTuple):
     """One detection event, whatever its class."""
 
     event: Event
+    envelope: base_pb2.EventEnvelope
     feature_class: str
     sign: str | None
     value: str | None
     valid: bool
     place: spatial_pb2.PositionAndAccuracy | None
-
-    @property
-    def envelope(self) -> base_pb2.EventEnvelope:
-        """The envelope of the event."""
-        return self.event.envelope
 
 
 def detections(group: data_pb2.EventGroup) -> Iterator[Detection]:
@@ -54,6 +49,7 @@ def detections(group: data_pb2.EventGroup) -> Iterator[Detection]:
     for sign in group.traffic_regulation_category.traffic_sign:
         yield Detection(
             sign,
+            sign.envelope,
             TRAFFIC_SIGN,
             _SIGNS.get(sign.type_and_confidence.type),
             _sign_value(sign),
@@ -61,10 +57,12 @@ def detections(group: data_pb2.EventGroup) -> Iterator[Detection]:
             _center(sign.rectangular_box_and_accuracy),
         )
     for signal in group.intersection_attribution_category.traffic_signal:
-        yield Detection(signal, TRAFFIC_LIGHT, None, None, True, _center(signal.rectangular_box_and_accuracy))
+        place = _center(signal.rectangular_box_and_accuracy)
+        yield Detection(signal, signal.envelope, TRAFFIC_LIGHT, None, None, True, place)
     for thing in group.object_detection_category.static_object:
         yield Detection(
             thing,
+            thing.envelope,
             _STATIC_CLASSES.get(thing.type_and_confidence.type, STATIC_OBJECT),
             None,
             None,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from datetime import datetime
+from typing import NamedTuple
 
 from slamcu_core.errors import WireError
 from slamcu_core.evidence import support
@@ -18,8 +18,7 @@ from slamcu_core.sensoris.times import from_microseconds
 _STATUSES = {n: DetectionStatus(name) for name, n in base_pb2.EventDetectionStatus.Type.items() if n}
 
 
-@dataclass(frozen=True, slots=True)
-class Evidence:
+class Evidence(NamedTuple):
     """The evidence of a pass, and what else the extension says of it."""
 
     weight_for: float
@@ -54,10 +53,12 @@ def read_evidence(
 
     Raises WireError where a confidence is not in (0, 100] per cent, or the extension is malformed.
     """
-    stated = _stated_evidence(detection, status, instant, defaults)
+    lam = _stated_confidence(detection, status, defaults)
     exact = find(detection.envelope.extension, extension_pb2.PassEvidence)
     if exact is None:
-        return stated
+        weight = 0.0 if lam is None else float(support(lam))
+        detected = status in DETECTED
+        return Evidence(weight if detected else 0.0, 0.0 if detected else weight, instant, instant)
     place = exact.place
     return Evidence(
         exact.weight_for,
@@ -74,22 +75,17 @@ def read_evidence(
     )
 
 
-def _stated_evidence(
-    detection: Detection, status: DetectionStatus, instant: datetime, defaults: ThirdPartyDefaults
-) -> Evidence:
-    """Return eq. 1 or eq. 2 with the λ that the SENSORIS fields state, or the default where they state none."""
+def _stated_confidence(detection: Detection, status: DetectionStatus, defaults: ThirdPartyDefaults) -> float | None:
+    """Return the λ of eq. 1 or eq. 2 that the fields state, or the default; None where the view was blocked."""
     event = detection.event
     if status in DETECTED:
         stated = event.existence_confidence if event.HasField("existence_confidence") else None
-        lam = _confidence("existence_confidence", stated, defaults.detected)
-        return Evidence(float(support(lam)), 0.0, instant, instant)
+        return _confidence("existence_confidence", stated, defaults.detected)
     if status is DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_BLOCKED:
-        return Evidence(0.0, 0.0, instant, instant)
+        return None
     stated = event.detection_status.confidence if event.detection_status.HasField("confidence") else None
     lam = _confidence("detection_status.confidence", stated, defaults.not_detected)
-    if status is DetectionStatus.EXPECTED_AND_NOT_DETECTED:
-        lam *= defaults.unexplained_discount
-    return Evidence(0.0, float(support(lam)), instant, instant)
+    return lam * defaults.unexplained_discount if status is DetectionStatus.EXPECTED_AND_NOT_DETECTED else lam
 
 
 def _confidence(name: str, confidence: base_pb2.Confidence | None, default: float) -> float:

@@ -30,16 +30,13 @@ def find(extensions: Iterable[Any], wanted: type[M]) -> M | None:
 
     Raises WireError if it stands twice or does not parse.
     """
-    own = [extension for extension in extensions if extension.TypeName() == wanted.DESCRIPTOR.full_name]
+    name = wanted.DESCRIPTOR.full_name
+    own = [extension for extension in extensions if extension.type_url.rpartition("/")[2] == name]
     if len(own) > 1:
-        raise WireError(
-            "bad-extension", f"{wanted.DESCRIPTOR.full_name} stands {len(own)} times, expected once at most"
-        )
+        raise WireError("bad-extension", f"{name} stands {len(own)} times, expected once at most")
     if not own:
         return None
     try:
         return wanted.FromString(own[0].value)
     except DecodeError as error:
-        raise WireError(
-            "bad-extension", f"an extension says that it is a {wanted.DESCRIPTOR.full_name}, but does not parse as one"
-        ) from error
+        raise WireError("bad-extension", f"an extension says that it is a {name}, but does not parse as one") from error

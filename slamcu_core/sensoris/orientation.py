@@ -13,6 +13,8 @@ Array = NDArray[np.float64]
 
 def integer(value: base_pb2.Int64Value, default: int | None = None) -> int | None:
     """Return the integer of a SENSORIS value: what it says, or the mean of the Gaussian that it gives instead."""
+    if stated := value.value:
+        return stated
     kind = value.WhichOneof("value_oneof")
     if kind == "value":
         return value.value

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from slamcu_core.errors import WireError
 from slamcu_core.geometry import LocalFrame
 from slamcu_core.reports import MeasuredPosition
-from slamcu_core.sensoris.covariance import horizontal_covariance, write_covariance
+from slamcu_core.sensoris.covariance import east_north_covariance, horizontal_covariance, write_covariance
 from slamcu_core.sensoris.orientation import integer, rotation_matrix, yaw_variance
 from slamcu_core.sensoris.policy import ThirdPartyDefaults, WireLimits
 from slamcu_core.sensoris.proto import data_pb2, localization_pb2, spatial_pb2
@@ -84,10 +84,7 @@ class PositionReader:
         kind = position.WhichOneof("geographic_metric")
         if kind == "geographic_wgs84":
             lon, lat = self._geographic(position)
-            covariance = horizontal_covariance(position, self._defaults.position_std_m)
-            return MeasuredPosition(
-                lon, lat, (float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1]))
-            )
+            return MeasuredPosition(lon, lat, east_north_covariance(position, self._defaults.position_std_m))
         if kind == "metric_event_group":
             return self._metric(position, position.metric_event_group, self._origin())
         if kind == "metric_vehicle":
@@ -102,7 +99,7 @@ class PositionReader:
         lon, lat = integer(place.longitude), integer(place.latitude)
         if lon is None or lat is None:
             raise WireError("unresolvable-position", "a geographic position needs longitude and latitude")
-        altitude = integer(place.altitude)
+        altitude = integer(place.altitude) if place.HasField("altitude") else None
         low, high = self._limits.altitude_m
         if not (abs(lon) <= 180 * DEGREE and abs(lat) <= 90 * DEGREE) or (
             altitude is not None and not low * _MM <= altitude <= high * _MM

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from google.protobuf.unknown_fields import UnknownFieldSet
 
 from slamcu_core.errors import WireError
 from slamcu_core.reports import MapReference
 from slamcu_core.sensoris.checks import check_reference
-from slamcu_core.sensoris.events import detections
+from slamcu_core.sensoris.events import Detection
 from slamcu_core.sensoris.policy import WireLimits
 from slamcu_core.sensoris.proto import base_pb2, data_pb2, map_pb2
 
@@ -17,25 +17,27 @@ _MAP_REFERENCE = data_pb2.DataMessage.EventRelation.MAP_REFERENCE
 
 
 class EventIds:
-    """The events of a message by id.
+    """The events of a message by id; `detections` are those of each of its event groups.
 
     Raises WireError if there are too many events, an id stands twice or is not positive.
     """
 
-    def __init__(self, message: data_pb2.DataMessage, limits: WireLimits) -> None:
+    def __init__(
+        self, message: data_pb2.DataMessage, detections: Sequence[Sequence[Detection]], limits: WireLimits
+    ) -> None:
         self.known: set[int] = set()
         self.maps: dict[int, map_pb2.MapReference] = {}
         # categories outside our subset hold events too, whose ids we cannot see
         self.complete = not any(_has_unknown_events(group) for group in message.event_group)
         count = 0
-        for group in message.event_group:
-            for envelope, reference in _events(group):
+        for group, found in zip(message.event_group, detections, strict=True):
+            for envelope, reference in _events(group, found):
                 count += 1
                 if count > limits.max_events:
                     raise WireError("too-many-events", f"more than {limits.max_events} events in one message")
-                if not envelope.HasField("id"):
-                    continue
                 number = envelope.id.value
+                if not number and not envelope.HasField("id"):
+                    continue
                 if number < 1:
                     raise WireError("bad-event-id", f"an event has the id {number}, expected an integer from 1")
                 if number in self.known:
@@ -57,17 +59,17 @@ def map_references(message: data_pb2.DataMessage, ids: EventIds) -> dict[int, Ma
     for relation in message.event_relation:
         if relation.type != _MAP_REFERENCE:
             continue
-        sources, targets = ({each.value for each in side} for side in (relation.from_id, relation.to_id))
+        sources, targets = [each.value for each in relation.from_id], [each.value for each in relation.to_id]
         if not sources or not targets:
             raise WireError("bad-reference", "a MAP_REFERENCE relation needs from_id and to_id")
-        if len(targets) > 1:
+        target = targets[0]
+        if len(targets) > 1 and len(set(targets)) > 1:
             raise WireError(
                 "ambiguous-reference",
-                f"one MAP_REFERENCE relation leads to the events {sorted(targets)[:5]}, expected one",
+                f"one MAP_REFERENCE relation leads to the events {sorted(set(targets))[:5]}, expected one",
             )
-        target = targets.pop()
-        for number in (*sources, target):
-            if number not in ids.known and ids.complete:
+        for number in (*sources, target) if ids.complete else ():
+            if number not in ids.known:
                 raise WireError(
                     "bad-reference", f"a MAP_REFERENCE relation names event {number}, which is not in the message"
                 )
@@ -93,8 +95,10 @@ def _read_reference(event: map_pb2.MapReference) -> MapReference | None:
     return MapReference(place.tile_id.value, place.object_id.value)
 
 
-def _events(group: data_pb2.EventGroup) -> Iterator[tuple[base_pb2.EventEnvelope, map_pb2.MapReference | None]]:
-    for detection in detections(group):
+def _events(
+    group: data_pb2.EventGroup, detections: Sequence[Detection]
+) -> Iterator[tuple[base_pb2.EventEnvelope, map_pb2.MapReference | None]]:
+    for detection in detections:
         yield detection.envelope, None
     for pose in group.localization_category.vehicle_position_and_orientation:
         yield pose.envelope, None
