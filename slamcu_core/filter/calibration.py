@@ -38,9 +38,9 @@ class GnssBias:
             particles.gnss_bias *= keep
             self._variance = keep**2 * self._variance + (1.0 - keep**2) * stationary
         self._time = t
-        innovation = fix - particles.state[:, :2] - particles.gnss_bias
+        innovation = fix[:, None] - particles.state[:2] - particles.gnss_bias
         total = self._variance + white
-        particles.log_weight -= 3.0 * np.log1p(np.sum(innovation**2, axis=1) / (4.0 * total))
+        particles.log_weight -= 3.0 * np.log1p(np.sum(innovation**2, axis=0) / (4.0 * total))
         gain = self._variance / total
         particles.gnss_bias += gain * innovation
         self._variance *= 1.0 - gain
@@ -90,4 +90,4 @@ class SensorCalibration:
             turn_variance *= 1.0 - turn_gain
             gain[:, index] = scale_gain, turn_gain
         self.variance = np.array([scale_variance, turn_variance])
-        particles.calibration += np.matmul(gain[:, None], innovation)[:, 0].T
+        particles.calibration += np.matmul(gain[:, None], innovation)[:, 0]

@@ -226,7 +226,7 @@ class FrameUpdate:
 
     def _calibrated(self, sight: Sight) -> Array:
         """Return measurements (2, F, M) as each particle's calibration makes the sensor show them."""
-        scale, turn = self.particles.calibration.T
+        scale, turn = self.particles.calibration
         if self.model.has_bearing:
             return np.array([sight.distance * (1.0 + scale), sight.bearing + turn])
         return np.asarray(sight.measurement * (1.0 + scale))

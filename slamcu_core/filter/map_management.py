@@ -166,8 +166,8 @@ class MapManagement:
         particles, table = self._particles, self._table
         measured = np.repeat(seen.measurement[:, detection, None], len(particles), axis=1)
         if model.has_bearing:
-            measured[0] /= 1.0 + particles.calibration[:, 0]
-            measured[1] -= particles.calibration[:, 1]
+            measured[0] /= 1.0 + particles.calibration[0]
+            measured[1] -= particles.calibration[1]
         pose = particles.pose
         place = model.invert(pose, measured)
         noise = seen.noise[:, detection, None] / now.share

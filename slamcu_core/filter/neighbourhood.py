@@ -142,15 +142,15 @@ class Neighbourhood:
         def move(xy: Array) -> Array:
             return new.to_local(*old.to_geographic(xy))
 
-        particles.state[:, :2] = move(particles.state[:, :2])
-        particles.state[:, 2] += turn
+        particles.state[:2] = move(particles.state[:2].T).T
+        particles.state[2] += turn
         swivel = np.eye(3)
         swivel[:2, :2] = rotation
         if particles.pending is not None:
             particles.pending = np.einsum("ij,jak->iak", swivel, particles.pending)
         particles.means = np.moveaxis(move(np.moveaxis(particles.means, 0, -1)), -1, 0).copy()
         particles.covariances = np.einsum("ij,jkls,mk->imls", rotation, particles.covariances, rotation)
-        particles.gnss_bias = particles.gnss_bias @ rotation.T
+        particles.gnss_bias = rotation @ particles.gnss_bias
         table = self._table
         table.xy[:] = move(table.xy)
         table.covariance[:] = rotation @ table.covariance @ rotation.T

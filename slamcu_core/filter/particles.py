@@ -19,16 +19,16 @@ class Particles:
     """M particles with up to L live new features (eq. 11, 13).
 
     Arrays over features and particles have the particles last and components first, so that what is done for all
-    particles runs along memory. The columns of `state` are sampled: x, y (m), heading (rad), speed scale, yaw scale,
+    particles runs along memory. The rows of `state` are sampled: x, y (m), heading (rad), speed scale, yaw scale,
     yaw bias (rad/s). The rest is Rao-Blackwellized: given a particle's path it is Gaussian, with its mean kept here.
     """
 
-    state: Array  # (M, 6)
+    state: Array  # (6, M)
     log_weight: Array  # (M,), unnormalised
     means: Array  # (2, L, M) means μ of new features, m
     covariances: Array  # (2, 2, L, M) covariances Σ of new features, m²
-    gnss_bias: Array  # (M, 2) mean of the satellite receiver's bias, m
-    calibration: Array  # (M, 2) mean range scale error and bearing bias (rad)
+    gnss_bias: Array  # (2, M) mean of the satellite receiver's bias, m
+    calibration: Array  # (2, M) mean range scale error and bearing bias (rad)
     pending: Array | None = None  # (3, 2, M): the pose waits for this times a standard normal (2,) to be added
 
     @classmethod
@@ -47,21 +47,21 @@ class Particles:
         mean = np.array([0.0, 0.0, heading, 1.0, 1.0, 0.0])
         std = np.concatenate([[position_std, position_std, heading_std], noise.constants_std])
         return cls(
-            state=mean + std * rng.standard_normal((count, 6)),
+            state=(mean + std * rng.standard_normal((count, 6))).T.copy(),
             log_weight=np.zeros(count),
             means=np.zeros((2, slots, count)),
             covariances=np.zeros((2, 2, slots, count)),
-            gnss_bias=np.zeros((count, 2)),
-            calibration=np.zeros((count, 2)),
+            gnss_bias=np.zeros((2, count)),
+            calibration=np.zeros((2, count)),
         )
 
     def __len__(self) -> int:
-        return len(self.state)
+        return len(self.log_weight)
 
     @property
     def pose(self) -> Array:
         """Poses (3, M) of x, y, heading."""
-        return self.state[:, :3].T
+        return self.state[:3]
 
     @property
     def weights(self) -> Array:
@@ -79,32 +79,33 @@ class Particles:
         """Return the weighted mean (6,) and covariance (6, 6) of the sampled state, headings averaged as angles."""
         weights = self.weights
         reference, delta, offset = self._about_the_best(weights)
-        delta -= offset
+        delta -= offset[:, None]
         mean = reference + offset
-        mean[2] = wrap_angle(mean[2])
-        covariance = (delta * weights[:, None]).T @ delta
+        mean[2] = wrap_angle(float(mean[2]))
+        covariance = (delta * weights) @ delta.T
         covariance[:3, :3] += self.pending_covariance(weights)
         return mean, covariance
 
     def place_covariance(self) -> Array:
         """Return the covariance (2, 2) of the position, m²."""
         weights = self.weights
-        delta = self.state[:, :2] - weights @ self.state[:, :2]
-        return np.asarray((delta * weights[:, None]).T @ delta + self.pending_covariance(weights)[:2, :2])
+        delta = self.state[:2] - (self.state[:2] @ weights)[:, None]
+        return np.asarray((delta * weights) @ delta.T + self.pending_covariance(weights)[:2, :2])
 
-    def mean(self, weights: Array) -> Array:
-        """Return the weighted mean (6,) of the sampled state, headings averaged as angles."""
-        reference, _, offset = self._about_the_best(weights)
+    def mean_pose(self, weights: Array) -> Array:
+        """Return the weighted mean (3,) of the poses, headings averaged as angles."""
+        reference, _, offset = self._about_the_best(weights, 3)
         mean = reference + offset
-        mean[2] = wrap_angle(mean[2])
+        mean[2] = wrap_angle(float(mean[2]))
         return np.asarray(mean)
 
-    def _about_the_best(self, weights: Array) -> tuple[Array, Array, Array]:
-        """Return the state (6,) of the best particle, what the others (M, 6) differ from it, and the mean of that."""
-        reference = self.state[int(weights.argmax())]
-        delta = self.state - reference
-        delta[:, 2] = wrap_angle(delta[:, 2])
-        return reference, delta, weights @ delta
+    def _about_the_best(self, weights: Array, rows: int = 6) -> tuple[Array, Array, Array]:
+        """Return the best particle's state up to `rows`, what all (rows, M) differ from it, and the mean of that."""
+        state = self.state[:rows]
+        reference = state[:, int(weights.argmax())]
+        delta = state - reference[:, None]
+        delta[2] = wrap_angle(delta[2])
+        return reference, delta, delta @ weights
 
     def pending_covariance(self, weights: Array) -> Array:
         """Return the covariance (3, 3) that waits to be sampled, averaged over the particles."""
@@ -118,7 +119,7 @@ class Particles:
         """Sample what is pending of the poses, in place."""
         if self.pending is not None:
             draw = rng.standard_normal((len(self), 2))
-            self.state[:, :3] += apply(self.pending, draw.T).T
+            self.state[:3] += apply(self.pending, draw.T)
             self.pending = None
 
     def restart(
@@ -126,8 +127,8 @@ class Particles:
     ) -> None:
         """Spread all particles anew about a pose, in place; what they know of the vehicle stays."""
         count = len(self)
-        self.state[:, :2] = place + position_std * rng.standard_normal((count, 2))
-        self.state[:, 2] = heading + heading_std * rng.standard_normal(count)
+        self.state[:2] = (place + position_std * rng.standard_normal((count, 2))).T
+        self.state[2] = heading + heading_std * rng.standard_normal(count)
         self.log_weight = np.zeros(count)
         self.pending = None
 
@@ -136,14 +137,14 @@ class Particles:
 
         `slots` are those in use; the others need not be copied. None: all.
         """
-        self.state = self.state[index]
+        self.state = self.state[:, index]
         if slots is None:
             slots = np.arange(self.means.shape[1])
         if len(slots):
             self.means[:, slots] = self.means[:, slots[:, None], index]
             self.covariances[:, :, slots] = self.covariances[:, :, slots[:, None], index]
-        self.gnss_bias = self.gnss_bias[index]
-        self.calibration = self.calibration[index]
+        self.gnss_bias = self.gnss_bias[:, index]
+        self.calibration = self.calibration[:, index]
         if self.pending is not None:
             self.pending = self.pending[..., index]
         self.log_weight = np.zeros(len(index))

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamcu_core.filter.particles import Particles
-from slamcu_core.models import MotionNoise, chord
+from slamcu_core.models import MotionNoise, arc
 
 _MAX_TURN = 0.2  # rad; the path within one prediction is an arc, so keep it short
 _MAX_TIME = 0.5  # s
-_NOMINAL = np.array([1.0, 1.0, 0.0])  # speed scale, yaw scale, yaw bias of a vehicle without fault
+_NOMINAL = np.array([[1.0], [1.0], [0.0]])  # speed scale, yaw scale, yaw bias of a vehicle without fault
 
 
 @dataclass(slots=True)
@@ -46,20 +46,24 @@ def predict(particles: Particles, travel: Travel, noise: MotionNoise, rng: np.ra
     particles.settle(rng)
     state = particles.state
     keep = math.exp(-travel.time / noise.constant_time_s)
-    wander = math.sqrt(1.0 - keep**2) * noise.constants_std * rng.standard_normal((len(particles), 3))
-    state[:, 3:] = _NOMINAL * (1.0 - keep) + keep * state[:, 3:] + wander
-    x, y, heading, speed_scale, yaw_scale, yaw_bias = state.T
+    constants = state[3:]
+    constants *= keep
+    constants += (1.0 - keep) * _NOMINAL
+    wander = math.sqrt(1.0 - keep**2) * noise.constants_std
+    constants += (wander * rng.standard_normal((len(particles), 3))).T
+    speed_scale, yaw_scale, yaw_bias = constants
+    turn = travel.turn * yaw_scale
+    turn += yaw_bias * travel.time
     distance = travel.distance * speed_scale
-    turn = travel.turn * yaw_scale + yaw_bias * travel.time
-    along, across = chord(heading, distance, turn)
+    direction, chord = arc(state[2], distance, turn)
     distance_std = noise.distance_std * math.sqrt(abs(travel.distance))
     turn_std = math.sqrt(noise.turn_std**2 * abs(travel.turn) + noise.drift_std**2 * travel.time)
-    middle = heading + 0.5 * turn
-    factor = np.empty((3, 2, len(particles)))
-    factor[0, 0], factor[1, 0], factor[2, 0] = distance_std * np.cos(middle), distance_std * np.sin(middle), 0.0
+    pending = np.empty((3, 2, len(particles)))
+    np.multiply(direction, distance_std, out=pending[:2, 0])
     # a wrong turn swings the chord about its start by half of itself
-    factor[0, 1], factor[1, 1], factor[2, 1] = -0.5 * turn_std * across, 0.5 * turn_std * along, turn_std
-    particles.pending = factor
-    x += along
-    y += across
-    heading += turn
+    np.multiply(chord[1], -0.5 * turn_std, out=pending[0, 1])
+    np.multiply(chord[0], 0.5 * turn_std, out=pending[1, 1])
+    pending[2, 0], pending[2, 1] = 0.0, turn_std
+    particles.pending = pending
+    state[:2] += chord
+    state[2] += turn

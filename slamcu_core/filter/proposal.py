@@ -93,6 +93,6 @@ def condition(
     third = np.sqrt(np.maximum(spread[1, 1] - second**2, 0.0))
     mean[1] += second * draw[0] + third * draw[1]
     mean[0] += first * draw[0]
-    particles.state[:, :3] += apply(particles.pending, mean).T
+    particles.state[:3] += apply(particles.pending, mean)
     particles.pending = None
     return log_likelihood

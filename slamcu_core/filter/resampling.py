@@ -33,10 +33,10 @@ def resample(particles: Particles, fraction: float, jitter: float, rng: np.rando
     mean, covariance = particles.mean_state()
     particles.select(systematic(particles.weights, rng))
     if jitter > 0.0:
-        delta = particles.state - mean
-        delta[:, 2] = wrap_angle(delta[:, 2])
+        delta = particles.state - mean[:, None]
+        delta[2] = wrap_angle(delta[2])
         values, vectors = np.linalg.eigh(covariance)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-        noise = rng.standard_normal(delta.shape) @ root.T
-        particles.state = mean + np.sqrt(1.0 - jitter**2) * delta + jitter * noise
+        noise = root @ rng.standard_normal((len(particles), len(mean))).T
+        particles.state = mean[:, None] + np.sqrt(1.0 - jitter**2) * delta + jitter * noise
     return True

@@ -125,7 +125,7 @@ class SlamcuFilter:
         self._candidate: Motion | None = None
         self._riders = Riders()
         self._odometer = 0.0  # m
-        self._reckoned = np.zeros((1, 3))  # dead reckoning: drifts, but never jumps
+        self._reckoned = np.zeros(3)  # dead reckoning: drifts, but never jumps
 
     def _install(self, model: SensorModel) -> _Sensor:
         update = FrameUpdate(model, self._table, self._particles, self._calibration, self.parameters)
@@ -186,7 +186,7 @@ class SlamcuFilter:
         predict(self._particles, self._travel, self.parameters.motion, self._rng)
         travel = self._travel
         self._odometer += abs(travel.distance)
-        self._reckoned = advance(self._reckoned, np.array([travel.distance]), np.array([travel.turn]))
+        self._reckoned = advance(self._reckoned, travel.distance, travel.turn)
         self._travel = Travel()
 
     def _advance(self, t: float) -> None:
@@ -207,16 +207,16 @@ class SlamcuFilter:
         self._calibration.predict(self._particles, min(record.t - max(sensor.last_frame, 0.0), 1e6))
         sensor.last_frame = record.t
         weights = self._particles.weights
-        pose = self._particles.mean(weights)[:3]
+        pose = self._particles.mean_pose(weights)
         if self._around.reanchor(pose[:2], self._particles):
-            pose = self._particles.mean(weights)[:3]
+            pose = self._particles.mean_pose(weights)
         self._around.refresh(pose[:2], self._particles)
         rows = self._reachable(sensor, pose)
         if len(rows) or len(record.items):
             seen = seen.keep(~self._riders.flag(sensor.model, seen, self._odometer))
             occluders = sensor.occluders if record.t - sensor.occluders_at < 0.2 else ()
             view = sensor.update.look(rows, weights, pose, occluders)
-            now = Instant(record.t, share, pose, self._reckoned[0], self._speed)
+            now = Instant(record.t, share, pose, self._reckoned, self._speed)
             self._manage(sensor, view, seen, now)
             self._resample()
             self._remember(sensor.model, seen, now)
@@ -291,7 +291,7 @@ class SlamcuFilter:
         fits = seen.feature_class[:, None] == table.feature_class[rows]
         fits &= (seen.sign[:, None] == signs) | (seen.sign[:, None] == 0) | (signs == 0)
         mean, _ = self._particles.mean_state()
-        reckoned = self._reckoned[0]
+        reckoned = self._reckoned
         here = Motion(float(mean[2] - reckoned[2]), np.zeros(2))
         here = Motion(here.angle, mean[:2] - here.apply(reckoned[:2]))
         motion, agreed, rival = search(seen, table.xy[rows], fits)
@@ -332,8 +332,7 @@ class SlamcuFilter:
         """The pose at the last record."""
         mean, covariance = self._particles.mean_state()
         # what was driven since the last frame is added here, not to the particles: to ask is not to act
-        ahead = np.array([self._travel.distance * mean[3]]), np.array([self._travel.turn * mean[4]])
-        mean[:3] = advance(mean[None, :3], *ahead)[0]
+        mean[:3] = advance(mean[:3], self._travel.distance * float(mean[3]), self._travel.turn * float(mean[4]))
         lon, lat = self._around.frame.to_geographic(mean[:2])
         return PoseEstimate(
             self._time,

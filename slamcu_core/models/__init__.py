@@ -1,6 +1,6 @@
 """Motion and measurement models: what moves the particles and what a sensor should see from them."""
 
-from slamcu_core.models.motion import MotionNoise, advance, chord, yaw_rate_from_steering
+from slamcu_core.models.motion import MotionNoise, advance, arc, yaw_rate_from_steering
 from slamcu_core.models.sensor import SensorModel, Sight
 from slamcu_core.models.visibility import occlusion_probability, visibility_probability
 
@@ -9,7 +9,7 @@ __all__ = [
     "SensorModel",
     "Sight",
     "advance",
-    "chord",
+    "arc",
     "occlusion_probability",
     "visibility_probability",
     "yaw_rate_from_steering",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 from slamcu_core.errors import SlamcuError
 
 Array = NDArray[np.float64]
+
+_TINY = 1e-300  # rad; nothing beside any angle but 0, and sin(x) / x is 1 there
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,18 +59,26 @@ def yaw_rate_from_steering(speed: float, steering: float, wheelbase_m: float | N
     return speed * float(np.tan(steering)) / wheelbase_m
 
 
-def chord(heading: Array, distance: Array, turn: Array) -> tuple[Array, Array]:
-    """Return how far east and north (m) arcs of length `distance` (m) lead that turn by `turn` (rad).
+def arc(heading: Array, distance: Array, turn: Array) -> tuple[Array, Array]:
+    """Return the directions (2, M) and chords (2, M) in m of arcs of length `distance` (M,) m that turn by `turn` (M,).
 
     The chord of an arc is distance · sinc(turn / 2) in the direction of the middle heading: exact for constant speed
     and yaw rate, and smooth through turn = 0.
     """
-    middle = heading + 0.5 * turn
-    length = distance * np.sinc(turn / (2.0 * np.pi))
-    return length * np.cos(middle), length * np.sin(middle)
+    half = 0.5 * turn
+    middle = heading + half
+    half += _TINY
+    length = distance * np.sin(half)
+    length /= half
+    direction = np.empty((2, len(middle)))
+    np.cos(middle, out=direction[0])
+    np.sin(middle, out=direction[1])
+    return direction, length * direction
 
 
-def advance(pose: Array, distance: Array, turn: Array) -> Array:
-    """Move poses (M, 3) along circular arcs of length `distance` (M,) m that turn by `turn` (M,) rad."""
-    east, north = chord(pose[:, 2], distance, turn)
-    return pose + np.stack([east, north, turn], axis=1)
+def advance(pose: Array, distance: float, turn: float) -> Array:
+    """Return a pose (3,) moved along a circular arc of length `distance` (m) that turns by `turn` (rad)."""
+    x, y, heading = pose.tolist()
+    half = 0.5 * turn
+    length = distance * (math.sin(half) / half if half else 1.0)
+    return np.array([x + length * math.cos(heading + half), y + length * math.sin(heading + half), heading + turn])

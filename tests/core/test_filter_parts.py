@@ -95,7 +95,7 @@ def test_resampling_waits_for_degeneracy_and_then_evens_the_weights() -> None:
     rng = np.random.default_rng(1)
     particles = _cloud(100, rng)
     assert not resample(particles, 0.5, 0.2, rng)
-    particles.log_weight = -0.5 * (particles.state[:, 0] / 0.2) ** 2
+    particles.log_weight = -0.5 * (particles.state[0] / 0.2) ** 2
     assert resample(particles, 0.5, 0.2, rng)
     assert particles.effective == pytest.approx(100.0)
 
@@ -103,7 +103,7 @@ def test_resampling_waits_for_degeneracy_and_then_evens_the_weights() -> None:
 def test_the_jitter_keeps_mean_and_covariance_across_the_wrap_of_the_heading() -> None:
     rng = np.random.default_rng(2)
     particles = _cloud(40_000, rng)
-    particles.log_weight = -0.5 * (particles.state[:, 0] - 2.0) ** 2
+    particles.log_weight = -0.5 * (particles.state[0] - 2.0) ** 2
     mean, covariance = particles.mean_state()
     assert resample(particles, 1.0, 0.4, rng)
     after_mean, after_covariance = particles.mean_state()

@@ -69,15 +69,15 @@ def test_odometry_without_errors_leads_along_the_reference() -> None:
     _, (drive,) = simulate(4, 1, **SILENT)
     heading = compass_to_math(float(drive.reference.heading_deg[0]))
     frame = LocalFrame(float(drive.reference.lon[0]), float(drive.reference.lat[0]))
-    pose = np.array([[0.0, 0.0, heading]])
+    pose = np.array([0.0, 0.0, heading])
     odometry = [record for record in drive.records if isinstance(record, Odometry)]
     dt = float(drive.reference.t[1])
     for record in odometry:
         assert record.yaw_rate is not None
-        pose = advance(pose, np.array([record.speed * dt]), np.array([record.yaw_rate * dt]))
+        pose = advance(pose, record.speed * dt, record.yaw_rate * dt)
     end = frame.to_local(drive.reference.lon[-1], drive.reference.lat[-1])
     # 20 km on a plane tangent at the start: it shortens distances by centimetres, and rounding turns a little
-    assert np.linalg.norm(pose[0, :2] - end) < 3.0
+    assert np.linalg.norm(pose[:2] - end) < 3.0
 
 
 def test_real_odometry_drifts(motorway_drives: Drives) -> None:
