@@ -13,9 +13,11 @@ from slamcu_core.aggregation.law import (
     contributions,
     contributions_each,
     decayed,
+    fades_at,
     fold,
     fold_each,
 )
+from slamcu_core.aggregation.pairing import Half, Pairing, pair
 from slamcu_core.aggregation.policy import ClassPolicy, Policy
 from slamcu_core.aggregation.position import FusedPosition, fuse_positions
 
@@ -28,7 +30,9 @@ __all__ = [
     "FoldStep",
     "FoldedState",
     "FusedPosition",
+    "Half",
     "Histories",
+    "Pairing",
     "PassEvidence",
     "Policy",
     "Side",
@@ -38,8 +42,10 @@ __all__ = [
     "contributions_each",
     "decayed",
     "discounted",
+    "fades_at",
     "fold",
     "fold_each",
     "fold_histories",
     "fuse_positions",
+    "pair",
 ]

@@ -57,8 +57,9 @@ def discounted(
 def fold_histories(histories: Histories, prior_weight: ArrayLike, policy: ClassPolicy, *, deleted: bool) -> Course:
     """Fold: F ← γ^w F + f, A ← γ^w A + a, F from the prior, A from 0, and say where the change stands.
 
-    It stands from the step at which its mass reaches `enter` with enough different contributors until the mass falls
-    below `leave`. Every number of a feature is the same to the last bit whatever features it is folded with.
+    It stands from the step at which its mass reaches `enter` with enough different contributors until the mass is
+    below `leave` with enough different contributors on the other side: as little as one car makes it stand can one car
+    make it fall. Every number of a feature is the same to the last bit whatever features it is folded with.
 
     Parameters
     ----------
@@ -96,9 +97,11 @@ def _standing(
 ) -> Flags:
     exists, not_exists, _ = masses_from_weights(course_for, course_against)
     if deleted:
-        mass, weight, quorum = not_exists, histories.weight_against, policy.contributors_deleted
+        mass, quorum = not_exists, policy.contributors_deleted
+        weight, other = histories.weight_against, histories.weight_for
     else:
-        mass, weight, quorum = exists, histories.weight_for, policy.contributors_new
+        mass, quorum = exists, policy.contributors_new
+        weight, other = histories.weight_for, histories.weight_against
     reached = mass >= policy.enter
     result = np.zeros(reached.shape, bool)
     if not reached.any():
@@ -108,7 +111,9 @@ def _standing(
         asking = np.flatnonzero(reached[step] & ~stands)
         if asking.size:
             stands[asking] = _contributors(histories, weight, step + 1, asking, policy) >= quorum
-        stands = stands & (mass[step] >= policy.leave)
+        leaving = np.flatnonzero(stands & (mass[step] < policy.leave))
+        if leaving.size:
+            stands[leaving] = _contributors(histories, other, step + 1, leaving, policy) < policy.contributors_leave
         result[step] = stands
     return result
 

@@ -78,6 +78,8 @@ class FoldedState:
     steps: tuple[FoldStep, ...]
     folded: int = 0  # contributions that folded, at most the policy's window
     oldest: float | None = None  # s of POSIX time of the oldest of them
+    turned_after: float | None = None  # s of POSIX time, last to deny what A > F says; None: nobody in the window
+    turned_at: float | None = None  # s of POSIX time, the first to say it after that; None: F >= A now
 
 
 def contributions(
@@ -145,8 +147,9 @@ def fold(contributions: Iterable[Contribution], *, prior_weight: float, policy: 
     """Fold the newest K informative contributions: F ← γ^w F + f, A ← γ^w A + a, F from the prior, A from 0.
 
     Along the way the change stands from the moment that its mass reaches `enter` with enough different contributors
-    until the mass falls below `leave`. A contributor is counted while at least `contributor_weight` of what it said
-    on that side is left: misses that everyone has forgotten must not help one car to a quorum.
+    until the mass is below `leave` with enough of them on the other side. A contributor is counted while at least
+    `contributor_weight` of what it said on that side is left: misses that everyone has forgotten must not help one car
+    to a quorum.
 
     Parameters
     ----------
@@ -215,6 +218,7 @@ def _state(
         while begin > 0 and standing[begin - 1]:
             begin -= 1
         since = items[begin].time
+    turned_after, turned_at = _turn(items, F, A)
     steps = zip(items, F, A, standing, strict=True) if with_steps else ()
     return FoldedState(
         weight_for=F[last],
@@ -227,7 +231,24 @@ def _state(
         steps=tuple(FoldStep(item.time, item.contributor, f, a, stands) for item, f, a, stands in steps),
         folded=len(items),
         oldest=items[0].time,
+        turned_after=turned_after,
+        turned_at=turned_at,
     )
+
+
+def _turn(items: Sequence[Contribution], F: Sequence[float], A: Sequence[float]) -> tuple[float | None, float | None]:
+    """Return between which contributions what A > F says came about: the last that denied it, and the one after.
+
+    (None, None) if F >= A now; (None, time) if nothing in the window denied it.
+    """
+    step = len(items)
+    while step > 0 and A[step - 1] > F[step - 1]:
+        step -= 1
+    if step == len(items):
+        return None, None
+    while step > 0 and items[step - 1].weight_for <= items[step - 1].weight_against:
+        step -= 1
+    return (items[step - 1].time if step else None), items[step].time
 
 
 def decayed(state: FoldedState, as_of: float, policy: ClassPolicy) -> tuple[float, float]:
@@ -240,6 +261,33 @@ def decayed(state: FoldedState, as_of: float, policy: ClassPolicy) -> tuple[floa
     age_days = max(as_of - state.last_informative, 0.0) / _DAY_S
     kept = 0.5 ** (age_days / policy.half_life_days)
     return kept * state.weight_for, kept * state.weight_against
+
+
+def fades_at(state: FoldedState, policy: ClassPolicy, side: Side, mass: float) -> float | None:
+    """Return the POSIX time from which the mass on a side reads below `mass` in (0, 1) if no news comes.
+
+    A side that is below it already (it stands on as long as too few have spoken against it) fades when it would be
+    below undisputed. None: nothing has been said that speaks for the side.
+    """
+    own, other = state.weight_for, state.weight_against
+    if side is Side.DELETED:
+        own, other = other, own
+    if state.last_informative is None or own <= 0.0:
+        return None
+    logit = math.log(mass / (1.0 - mass))
+
+    def excess(kept: float) -> float:
+        """Return the logit of the mass on the side over that of `mass`: concave in what is kept, -inf at 0."""
+        return kept * own + math.log(-math.expm1(-kept * own)) - kept * other - logit
+
+    if excess(1.0) < 0.0:
+        kept = min(-math.log1p(-mass) / own, 1.0)
+    else:
+        low, kept = 0.0, 1.0
+        for _ in range(60):
+            middle = 0.5 * (low + kept)
+            low, kept = (low, middle) if excess(middle) >= 0.0 else (middle, kept)
+    return state.last_informative - math.log2(kept) * policy.half_life_days * _DAY_S
 
 
 def _trust(contributor: int, policy: ClassPolicy, trust: Callable[[int], float] | None) -> float:

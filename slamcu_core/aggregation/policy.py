@@ -34,7 +34,7 @@ from typing import Any
 
 from slamcu_core.errors import EvidenceError
 
-_COUNTS = frozenset({"contributors_new", "contributors_deleted", "window"})
+_COUNTS = frozenset({"contributors_new", "contributors_deleted", "contributors_leave", "pair_patience", "window"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +51,16 @@ class ClassPolicy:
     leave: float = 0.5  # mass in (0, enter) below which it stands no longer
     contributors_new: int = 2  # least number of contributors whose evidence for a new feature still weighs
     contributors_deleted: int = 3  # the same for evidence against a mapped feature
+    contributors_leave: int = 2  # the same for evidence that makes what stands stand no longer
     contributor_weight: float = 0.1  # weight of evidence that a contributor must have left in the fold to be counted
     window: int = 64  # K, newest informative contributions that fold: 0.8⁶⁴ = 6e-7
     minimum_informativeness: float = 0.05  # w in [0, 1) below which a contribution has seen nothing
     gate: float = 9.21  # chi-square threshold with 2 degrees of freedom; 9.21 keeps 99 %
     position_floor_m: float = 0.35  # m per axis, 1 σ: bias common to one vehicle's passes (1.5 % range bias at 25 m)
     match_radius_m: float = 5.0  # m beyond which two places are never one object, however vague they are
+    pair_radius_m: float = 30.0  # m within which a deleted and a new one of the same type are one that moved
+    pair_days: float = 30.0  # days between the turn of evidence about the old place and the first find at the new one
+    pair_patience: int = 6  # contributors for a new one from which it waits no more for a deletion under way beside it
 
     def __post_init__(self) -> None:
         for name in (spec.name for spec in dataclasses.fields(self)):
@@ -86,8 +90,14 @@ class ClassPolicy:
             self.minimum_informativeness,
             "within [0, 1)",
         )
-        for name in ("half_life_days", "contributor_weight", "gate", "position_floor_m", "match_radius_m"):
+        for name in ("half_life_days", "contributor_weight", "gate", "position_floor_m", "match_radius_m", "pair_days"):
             _require(getattr(self, name) > 0.0, name, getattr(self, name), "above 0")
+        _require(
+            self.pair_radius_m >= self.match_radius_m,
+            "pair_radius_m",
+            self.pair_radius_m,
+            f"at least match_radius_m = {self.match_radius_m}",
+        )
 
 
 @dataclass(frozen=True)
@@ -105,6 +115,11 @@ class Policy:
     def reach_m(self) -> float:
         """The farthest in metres that one pass can matter for the cluster of another: the largest match radius."""
         return max(policy.match_radius_m for policy in (self.default, *self.classes.values()))
+
+    @property
+    def lock_reach_m(self) -> float:
+        """The farthest in metres that a pass or belief can matter for another: the largest pairing radius."""
+        return max(policy.pair_radius_m for policy in (self.default, *self.classes.values()))
 
     def to_document(self) -> dict[str, Any]:
         """Return the policy as a document fit for JSON, every field written out."""

@@ -19,6 +19,7 @@ from slamcu_core.aggregation import (
     Side,
     contributions,
     decayed,
+    fades_at,
     fold,
 )
 from slamcu_core.errors import EvidenceError
@@ -234,3 +235,53 @@ def test_two_contributions_of_one_epoch_are_refused() -> None:
 def test_a_prior_out_of_range_is_refused(prior: float) -> None:
     with pytest.raises(EvidenceError, match="prior"):
         fold([], prior_weight=prior, policy=POLICY, side=Side.DELETED)
+
+
+def test_one_car_cannot_make_fall_what_others_made_stand() -> None:
+    stood = _story("mmmmm")
+    alone = [PassEvidence(99, (10 + i) * HOUR, SURE, 0.0) for i in range(8)]
+    assert _deletion(stood + alone).standing
+    two = [PassEvidence(99 + i % 2, (10 + i) * HOUR, SURE, 0.0) for i in range(8)]
+    assert not _deletion(stood + two).standing
+
+
+@pytest.mark.parametrize(
+    ("told", "side"), [("mmmmm", Side.DELETED), ("mmmmms", Side.DELETED), ("ss", Side.NEW), ("ssssm", Side.NEW)]
+)
+def test_what_nobody_looks_at_any_more_fades_at_a_moment_that_is_known(told: str, side: Side) -> None:
+    state = _deletion(_story(told)) if side is Side.DELETED else _creation(_story(told))
+    assert state.standing
+    moment = fades_at(state, POLICY, side, POLICY.leave)
+    assert moment is not None
+
+    def mass(as_of: float) -> float:
+        read = Masses.from_weights(*decayed(state, as_of, POLICY))
+        return float(read.exists if side is Side.NEW else read.not_exists)
+
+    assert mass(moment - 60.0) >= POLICY.leave > mass(moment + 60.0)
+
+
+def test_what_stands_only_for_want_of_witnesses_fades_all_the_same() -> None:
+    state = _deletion(_story("mmmmm") + [PassEvidence(99, (10 + i) * HOUR, SURE, 0.0) for i in range(4)])
+    moment = fades_at(state, POLICY, Side.DELETED, POLICY.leave)
+    assert state.standing
+    assert state.last_informative is not None
+    assert moment is not None
+    assert state.last_informative <= moment < state.last_informative + 3 * POLICY.half_life_days * DAY
+
+
+def test_what_nobody_spoke_for_never_fades() -> None:
+    assert fades_at(_deletion(_story("sss")), POLICY, Side.DELETED, 0.5) is None
+    assert fades_at(_deletion([]), POLICY, Side.DELETED, 0.5) is None
+
+
+def test_the_fold_tells_when_the_evidence_turned() -> None:
+    def turn(told: str) -> tuple[float | None, float | None]:
+        state = _deletion(_story(told))
+        return state.turned_after, state.turned_at
+
+    assert turn("ssmmmmm") == (1 * HOUR, 2 * HOUR)
+    assert turn("ssmmmmmsmmm") == (1 * HOUR, 2 * HOUR)  # one who errs does not bring it back
+    assert turn("mmmmsss") == (None, None)
+    assert turn("mmm") == (None, 0.0)
+    assert turn("ss" + "m" * 70) == (None, 8 * HOUR)  # the window does not reach back to it

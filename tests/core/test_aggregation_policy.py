@@ -48,6 +48,10 @@ class_policies = st.builds(
         ("gate", -1.0),
         ("position_floor_m", 0.0),
         ("match_radius_m", "5"),
+        ("contributors_leave", 0),
+        ("pair_radius_m", 4.0),
+        ("pair_days", 0.0),
+        ("pair_patience", 1.5),
     ],
 )
 def test_a_value_out_of_range_is_refused_by_name(field: str, value: object) -> None:

@@ -1,0 +1,111 @@
+"""Which deleted map feature and which new one are one thing: it has moved, or it says something else now.
+
+A pure rule over what is believed: nearest first under the combined covariance, one to one, ties in canonical order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamcu_core.aggregation.agglomeration import compatible
+from slamcu_core.aggregation.policy import ClassPolicy, Policy
+
+Array = NDArray[np.float64]
+
+_DAY_S = 86400.0
+
+
+@dataclass(frozen=True, slots=True)
+class Half:
+    """A map feature that evidence speaks against, or a candidate that it speaks for."""
+
+    key: Hashable  # identity, for the caller
+    order: tuple[Any, ...]  # canonical, comparable among halves of one kind; decides between equal distances
+    feature_class: str
+    sign: str | None
+    value: str | None
+    covariance: Array  # (2, 2), m²
+    begun: tuple[float | None, float | None]  # POSIX s, the change came about between these; None: no bound
+
+
+@dataclass(frozen=True, slots=True)
+class Pairing:
+    """A map feature and a candidate that are one change."""
+
+    feature: Hashable
+    candidate: Hashable
+    modified: bool  # the same place says something else; otherwise the same thing stands elsewhere
+
+
+def pair(
+    features: Sequence[Half],
+    candidates: Sequence[Half],
+    difference: Callable[[Half, Half], Array | None],
+    policy: Policy,
+) -> list[Pairing]:
+    """Pair deleted features with candidates, nearest first, one to one.
+
+    At the same place (within the gate and the match radius) they are one `modified` thing if sign or value differ, and
+    one that has moved a little if not. Farther away, up to `pair_radius_m`, they are one moved thing if class and sign
+    are the same, the values do not differ, and the one came when the other went, within `pair_days`.
+
+    Parameters
+    ----------
+    difference : (2,) m, from a feature to a candidate; None where they are on different maps or far apart.
+
+    Returns
+    -------
+    The pairs in canonical order of their features.
+    """
+    found: list[tuple[float, tuple[Any, ...], tuple[Any, ...], Pairing]] = []
+    for feature in features:
+        rules = policy.for_class(feature.feature_class)
+        for candidate in candidates:
+            if candidate.feature_class != feature.feature_class:
+                continue
+            shift = difference(feature, candidate)
+            if shift is None:
+                continue
+            squared = _squared_distance(feature, candidate, shift, rules)
+            modified = _modified(feature, candidate, squared, float(np.hypot(*shift)), rules)
+            if modified is not None:
+                pairing = Pairing(feature.key, candidate.key, modified)
+                found.append((squared, feature.order, candidate.order, pairing))
+    taken: set[tuple[bool, Hashable]] = set()
+    pairs: list[tuple[tuple[Any, ...], Pairing]] = []
+    for _, order, _, one in sorted(found, key=lambda item: item[:3]):
+        ends = {(True, one.feature), (False, one.candidate)}
+        if not taken & ends:
+            taken |= ends
+            pairs.append((order, one))
+    return [one for _, one in sorted(pairs, key=lambda item: item[0])]
+
+
+def _squared_distance(feature: Half, candidate: Half, shift: Array, rules: ClassPolicy) -> float:
+    spread = feature.covariance + candidate.covariance + rules.position_floor_m**2 * np.eye(2)
+    return float(shift @ np.linalg.solve(spread, shift))
+
+
+def _modified(feature: Half, candidate: Half, squared: float, distance_m: float, rules: ClassPolicy) -> bool | None:
+    """Tell whether two halves are one modified thing (True), a moved one (False), or not one (None)."""
+    same = compatible(feature.sign, candidate.sign) and compatible(feature.value, candidate.value)
+    if squared <= rules.gate and distance_m <= rules.match_radius_m:
+        return not same
+    if distance_m > rules.pair_radius_m or not same or feature.sign != candidate.sign:
+        return None
+    return False if _at_once(feature.begun, candidate.begun, rules.pair_days * _DAY_S) else None
+
+
+def _at_once(
+    one: tuple[float | None, float | None], other: tuple[float | None, float | None], tolerance_s: float
+) -> bool:
+    """Whether two events, each known to lie between two times, may lie within a tolerance of each other."""
+    return all(
+        earliest is None or latest is None or earliest - tolerance_s <= latest
+        for earliest, latest in ((one[0], other[1]), (other[0], one[1]))
+    )
