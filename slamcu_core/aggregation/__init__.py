@@ -1,6 +1,7 @@
 """The cloud's half of the evidence law as pure functions: folding contributions, positions, candidates."""
 
 from slamcu_core.aggregation.candidates import Clusters, cluster
+from slamcu_core.aggregation.columns import FoldedColumns, PassColumns, fold_columns
 from slamcu_core.aggregation.course import Course, Histories, discounted, fold_histories
 from slamcu_core.aggregation.groups import connected_groups
 from slamcu_core.aggregation.law import (
@@ -28,11 +29,13 @@ __all__ = [
     "Contribution",
     "Course",
     "FoldStep",
+    "FoldedColumns",
     "FoldedState",
     "FusedPosition",
     "Half",
     "Histories",
     "Pairing",
+    "PassColumns",
     "PassEvidence",
     "Policy",
     "Side",
@@ -44,6 +47,7 @@ __all__ = [
     "discounted",
     "fades_at",
     "fold",
+    "fold_columns",
     "fold_each",
     "fold_histories",
     "fuse_positions",
