@@ -10,12 +10,14 @@ from slamcu_server.health.endpoints import router as health
 from slamcu_server.ingest.endpoints import router as ingest
 from slamcu_server.maps.endpoints import router as maps
 from slamcu_server.metrics.endpoints import router as metrics
+from slamcu_server.retraction.endpoints import router as retraction
 
 ROUTERS: tuple[APIRouter, ...] = (
     ingest,
     maps,
     features,
     changes,
+    retraction,
     health,
     metrics,
 )

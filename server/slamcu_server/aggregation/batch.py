@@ -30,6 +30,7 @@ from slamcu_server.aggregation.resolve import (
     within_budget,
 )
 from slamcu_server.changes import feed
+from slamcu_server.retraction import marks
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +84,7 @@ async def quarantine(engine: AsyncEngine, message_id: int, reason: str) -> None:
 async def _fuse(
     connection: AsyncConnection, claimed: Sequence[ClaimedMessage], policy: Policy, further: frozenset[Cell]
 ) -> Fused:
+    retractions = await marks.hold(connection)
     reports, reasons = await asyncio.to_thread(_decode, claimed)
     known = await reads.lookups(connection, reports.values())
     resolved, unresolvable = _resolve(claimed, reports, known)
@@ -96,7 +98,7 @@ async def _fuse(
         known = await reads.lookups(connection, [message.report for message in taken])
         taken, unresolvable = _resolve(messages, reports, known)
         reasons |= unresolvable
-        entries = await _fold(connection, taken, known, cells, policy)
+        entries = await _fold(connection, taken, known, cells, policy, retractions=retractions)
         await log.mark_fused(connection, (message.claimed.id for message in taken))
     else:
         entries = []
@@ -111,9 +113,14 @@ async def _fold(
     known: Lookups,
     held: frozenset[Cell],
     policy: Policy,
+    *,
+    retractions: bool,
 ) -> list[feed.Entry]:
     require_cells(cells_of((anchor for message in messages for anchor in message.anchors), policy), held)
     passes = await writes.insert_passes(connection, await _match(connection, messages, policy))
+    if retractions:
+        out = await marks.mark(connection, (item.id for item in passes))
+        passes = [item for item in passes if item.id not in out]
     features = frozenset(item.feature_id for item in passes if item.feature_id is not None)
     anchors = await reads.anchors(connection, features)
     require_cells(cells_of(anchors, policy), held)

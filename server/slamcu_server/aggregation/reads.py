@@ -19,7 +19,8 @@ SELECT p.id, p.contributor_id, m.session_id, m.message_id, p.index_in_message, p
        p.feature_id, p.watch_id, p.candidate_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat, p.cov_xx, p.cov_xy, p.cov_yy
 FROM passes p JOIN messages m ON m.id = p.message
 """
-_UNREFERENCED = "p.feature_id IS NULL AND p.watch_id IS NULL AND NOT p.archived"  # the predicate of the partial index
+_COUNTS = "NOT p.archived AND p.retraction_id IS NULL"
+_UNREFERENCED = f"p.feature_id IS NULL AND p.watch_id IS NULL AND {_COUNTS}"  # the partial index's predicate, and more
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +177,7 @@ async def passes_near(
     query = text(f"""{_SELECT} JOIN (
             SELECT DISTINCT near.id FROM {unnest(types)} JOIN passes near
             ON near.map_id = r.map_id AND near.geom && {_box("r")}
-            AND near.feature_id IS NULL AND near.watch_id IS NULL AND NOT near.archived
+            AND near.feature_id IS NULL AND near.watch_id IS NULL AND NOT near.archived AND near.retraction_id IS NULL
         ) close ON close.id = p.id
         WHERE NOT p.id = ANY(CAST(:seen AS bigint[]))""")  # noqa: S608  (constants)
     found: dict[int, StoredPass] = {}
@@ -201,7 +202,7 @@ async def passes_over_features(connection: AsyncConnection, ids: Iterable[int] |
     """Return the passes that count for map features (all of them if none are named), by feature."""
     wanted = "p.feature_id IS NOT NULL" if ids is None else "p.feature_id = ANY(CAST(:ids AS bigint[]))"
     parameters = {} if ids is None else {"ids": sorted(set(ids))}
-    result = await connection.execute(text(f"{_SELECT} WHERE {wanted} AND NOT p.archived"), parameters)
+    result = await connection.execute(text(f"{_SELECT} WHERE {wanted} AND {_COUNTS}"), parameters)
     by_feature: dict[int, list[StoredPass]] = {}
     for item in map(stored_pass, result):
         if item.feature_id is not None:
@@ -212,7 +213,7 @@ async def passes_over_features(connection: AsyncConnection, ids: Iterable[int] |
 async def passes_over_watches(connection: AsyncConnection, ids: Iterable[int]) -> dict[int, list[StoredPass]]:
     """Return the passes that named watch features and still count for candidates, by watch feature."""
     result = await connection.execute(
-        text(f"{_SELECT} WHERE p.watch_id = ANY(CAST(:ids AS bigint[])) AND p.feature_id IS NULL AND NOT p.archived"),
+        text(f"{_SELECT} WHERE p.watch_id = ANY(CAST(:ids AS bigint[])) AND p.feature_id IS NULL AND {_COUNTS}"),
         {"ids": sorted(set(ids))},
     )
     by_watch: dict[int, list[StoredPass]] = {}
@@ -224,7 +225,9 @@ async def passes_over_watches(connection: AsyncConnection, ids: Iterable[int]) -
 
 async def passes_over_candidate(connection: AsyncConnection, candidate_id: int) -> list[StoredPass]:
     """Return the passes that count for a candidate, or did until it was accepted."""
-    result = await connection.execute(text(f"{_SELECT} WHERE p.candidate_id = :id"), {"id": candidate_id})
+    result = await connection.execute(
+        text(f"{_SELECT} WHERE p.candidate_id = :id AND p.retraction_id IS NULL"), {"id": candidate_id}
+    )
     return [stored_pass(row) for row in result]
 
 

@@ -19,6 +19,7 @@ from slamcu_server.aggregation import log
 from slamcu_server.aggregation.batch import BatchError, Fused, process_batch, quarantine
 from slamcu_server.aggregation.policy import count_outdated, load_policy, remember_policy
 from slamcu_server.metrics.instruments import Instruments
+from slamcu_server.retraction.corrections import correct
 from slamcu_server.settings import Settings
 
 logger = logging.getLogger(__name__)
@@ -53,7 +54,7 @@ async def run_worker(
             "%d beliefs were folded under another policy than %s: run slamcu-server rebuild", outdated, policy.version
         )
     retention = timedelta(days=settings.message_retention_days)
-    cleaned_at = -_HOUSEKEEPING_S
+    cleaned_at = corrected_at = -_HOUSEKEEPING_S
     async with _listening(engine) as caller:
         while not stop.is_set():
             caller.event.clear()
@@ -64,6 +65,11 @@ async def run_worker(
                 instruments.fused.labels("fused").inc(fused.fused)
                 instruments.fused.labels("quarantined").inc(fused.quarantined)
                 instruments.batch_seconds.observe(time.monotonic() - begun)
+            # What was retracted must not wait for the traffic to cease, nor the traffic for it.
+            if not fused.messages or begun - corrected_at > POLL_S:
+                if await correct(engine, policy):
+                    continue
+                corrected_at = begun
             if fused.messages:
                 continue
             if begun - cleaned_at > _HOUSEKEEPING_S:

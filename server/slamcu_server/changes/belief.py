@@ -82,3 +82,4 @@ class Beliefs:
     about: tuple[tuple[Subject, Belief], ...]
     merged: Mapping[int, int]  # candidates that are part of another one now, each with that one's id
     unmapped: frozenset[int]  # features that the map no longer has: nothing about them would be a change of it
+    dissolved: frozenset[int] = frozenset()  # candidates of which nothing is left: what they were made of was retracted

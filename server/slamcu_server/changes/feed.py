@@ -45,7 +45,7 @@ async def publish(connection: AsyncConnection, beliefs: Beliefs, policy: Policy)
     known = await _newest_changes(
         connection,
         [*(subject.feature_id for subject in subjects if subject.feature_id), *beliefs.unmapped],
-        [*(subject.candidate_id for subject in subjects if subject.candidate_id), *beliefs.merged],
+        [*(subject.candidate_id for subject in subjects if subject.candidate_id), *beliefs.merged, *beliefs.dissolved],
     )
     sources = await _map_sources(connection, {subject.map_id for subject in subjects})
     opened: list[tuple[Subject, State, Document]] = []
@@ -172,6 +172,7 @@ def _withdrawals(known: Mapping[tuple[int | None, int | None], Published], belie
     moot: list[tuple[Kind, tuple[int | None, int | None], Document]] = [
         *((Kind.DELETED, (key, None), {}) for key in sorted(beliefs.unmapped)),
         *((Kind.NEW, (None, key), {"merged_into": beliefs.merged[key]}) for key in sorted(beliefs.merged)),
+        *((Kind.NEW, (None, key), {}) for key in sorted(beliefs.dissolved)),
     ]
     entries: list[Entry] = []
     for kind, key, why in moot:

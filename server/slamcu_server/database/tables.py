@@ -191,6 +191,53 @@ Index(
     postgresql_where=text("merged_into IS NULL AND feature_id IS NULL"),
 )
 
+# --- what is taken out again: the evidence that a retraction names counts nowhere as long as it is active ------------
+
+retractions = Table(
+    "retractions",
+    metadata,
+    Column("id", BigInteger, Identity(), primary_key=True),
+    Column("state", Text, nullable=False, server_default="requested"),
+    # What it names: all that is not NULL must hold of a pass.
+    Column("contributor_id", BigInteger, ForeignKey("accounts.id")),
+    Column("session_id", Text),
+    Column("fleet_id", Text),
+    Column("software_version", Text),
+    Column("event_from", DateTime(timezone=True)),  # end of the pass, from here on
+    Column("event_until", DateTime(timezone=True)),  # and before this
+    Column("reason", Text, nullable=False),
+    Column("requested_by", BigInteger, ForeignKey("accounts.id")),  # NULL: the server itself, which gates a session
+    Column("requested_at", DateTime(timezone=True), nullable=False, server_default=func.now()),
+    Column("applied_at", DateTime(timezone=True)),
+    Column("passes", BigInteger),  # how many it took out when it was applied; NULL: not known yet
+    Column("features", BigInteger),
+    Column("candidates", BigInteger),
+    Column("undo_reason", Text),
+    Column("undone_by", BigInteger, ForeignKey("accounts.id")),
+    Column("undo_requested_at", DateTime(timezone=True)),
+    Column("undone_at", DateTime(timezone=True)),
+    CheckConstraint(
+        "state IN ('requested', 'applying', 'applied', 'undo_requested', 'undoing', 'undone')", name="state"
+    ),
+    CheckConstraint(
+        "num_nonnulls(contributor_id, session_id, fleet_id, software_version, event_from, event_until) > 0",
+        name="names_something",
+    ),
+)
+Index(
+    "ix_retractions_active",
+    retractions.c.contributor_id,
+    postgresql_where=text("state IN ('requested', 'applying', 'applied')"),
+)
+
+corrections = Table(  # passes that are to be looked at again, with all that they are about
+    "corrections",
+    metadata,
+    Column("id", BigInteger, Identity(), primary_key=True),
+    Column("pass_id", BigInteger, nullable=False),  # no foreign key: a pass that is gone needs no correction
+    Column("retraction_id", BigInteger, ForeignKey("retractions.id"), index=True),  # NULL: trust has changed
+)
+
 passes = Table(
     "passes",
     metadata,
@@ -224,11 +271,13 @@ passes = Table(
     Column("valid", Boolean, nullable=False),  # False: seen, but crossed out or covered: no evidence
     Column("trusted", Boolean, nullable=False),  # the vehicle's own health; untrusted passes are kept, not folded
     Column("archived", Boolean, nullable=False, server_default=text("false")),
+    Column("retraction_id", BigInteger, ForeignKey("retractions.id")),  # what has taken it out: kept, not folded
     UniqueConstraint("message", "index_in_message"),
 )
 Index("ix_passes_feature", passes.c.feature_id, passes.c.ended_at, postgresql_where=text("feature_id IS NOT NULL"))
 Index("ix_passes_candidate", passes.c.candidate_id, postgresql_where=text("candidate_id IS NOT NULL"))
 Index("ix_passes_watch", passes.c.watch_id, postgresql_where=text("watch_id IS NOT NULL"))
+Index("ix_passes_retraction", passes.c.retraction_id, postgresql_where=text("retraction_id IS NOT NULL"))
 Index(
     "ix_passes_unreferenced_geom",
     passes.c.geom,

@@ -96,8 +96,9 @@ class Town:
         message_id: int | None = None,
         version: str = "2026.05",
         trusted: bool = True,
+        **fields: Any,
     ) -> None:
-        """Log one message, as the ingest does."""
+        """Log one message, as the ingest does; `fields` are further fields of the message."""
         number = message_id or self._messages.get((car, session), 0) + 1
         self._messages[car, session] = number
         report = ReportMessage(
@@ -106,6 +107,7 @@ class Town:
             passes=passes,
             map_identity=MapIdentity(self.source, version),
             health=Health(trusted=trusted),
+            **fields,
         )
         await self.log(car, session, number, serialize_message(report))
 
