@@ -1,11 +1,13 @@
 # Two commands matter: `make demo` and `make test`. Each does all of its own set-up, alone, on a fresh machine.
-# Variables: PYTHON=python3.12 (the interpreter), PYTEST_ARGS='-k evidence', KEEP=1 (the demo goes on serving).
+# Variables: PYTHON=python3.12 (the interpreter), PYTEST_ARGS='-k evidence', TEST_JOBS=1 (test files at a time; one per
+# processor, four at most), KEEP=1 (the demo goes on serving).
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test lint bench figures lock protobuf clean
 
 export PYTHON
 BIN := .venv/bin
+TEST_JOBS ?= $(shell n=$$(nproc 2>/dev/null || echo 2); echo $$((n < 4 ? n : 4)))
 
 help: ## Say what there is to make
 	@echo "slamcu: what can be made"
@@ -20,7 +22,7 @@ demo: setup ## Drive a fleet over a changed road and show what the cloud makes o
 
 test: setup ## Run every test, the fast ones first
 	@command -v curl >/dev/null || scripts/apt-install "curl, for the README's tour" curl
-	@$(BIN)/python -m pytest $(PYTEST_ARGS)
+	@$(BIN)/python -m pytest -n $(TEST_JOBS) --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 lint: setup ## Check style, types and the import rules
 	$(BIN)/ruff check .
