@@ -21,6 +21,7 @@ from slamcu_core.aggregation.law import (
 from slamcu_core.aggregation.pairing import Half, Pairing, pair
 from slamcu_core.aggregation.policy import ClassPolicy, Policy
 from slamcu_core.aggregation.position import FusedPosition, fuse_positions
+from slamcu_core.aggregation.trust import Trusts
 
 __all__ = [
     "EPOCH_S",
@@ -39,6 +40,7 @@ __all__ = [
     "PassEvidence",
     "Policy",
     "Side",
+    "Trusts",
     "cluster",
     "connected_groups",
     "contributions",

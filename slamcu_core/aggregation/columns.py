@@ -51,6 +51,7 @@ class _Contributions:
 
     feature: Indices
     code: Indices  # tells the contributors of one feature apart, from 0
+    contributor: NDArray[np.int64]
     time: Array
     weight_for: Array  # discounted
     weight_against: Array
@@ -71,7 +72,7 @@ def fold_columns(
     ----------
     prior_weight : (N,), f of the map's prior of each feature (eq. 3); 0 for a candidate.
     deleted : whether absence is what stands; else existence.
-    trust : (P,), α in [0, 1) of each pass's contributor; the policy's if not given.
+    trust : (P,), α in [0, 1) of each pass's contributor; if not given the policy's, by what it knows of contributors.
 
     Raises EvidenceError where a weight or a prior is negative or not finite, or a trust out of its range.
     """
@@ -82,7 +83,7 @@ def fold_columns(
     step = np.arange(len(newest.feature)) - np.repeat(np.cumsum(counts) - counts, counts)
     place, shape = (step, newest.feature), (int(counts.max(initial=0)), len(priors))
 
-    def table(values: Array | Indices) -> Array:
+    def table(values: Array | Indices | NDArray[np.bool_]) -> Array:
         filled = np.zeros(shape)
         filled[place] = values
         return filled
@@ -92,6 +93,7 @@ def fold_columns(
         table(newest.weight_against),
         table(newest.informativeness),
         table(newest.code).astype(np.intp),
+        None if policy.trusts is None else table(policy.trusts.records(newest.contributor)).astype(bool),
     )
     course = fold_histories(histories, priors, policy, deleted=deleted)
     times = np.full(len(priors), np.nan)
@@ -117,7 +119,7 @@ def _contributions(passes: PassColumns, policy: ClassPolicy, trust: ArrayLike | 
     feature, contributor, time = passes.feature[order], passes.contributor[order], passes.ended_at[order]
     if not order.size:
         nothing = np.zeros(0)
-        return _Contributions(feature, feature, nothing, nothing, nothing, nothing)
+        return _Contributions(feature, feature, contributor, nothing, nothing, nothing, nothing)
     epoch = np.floor(time / EPOCH_S)
     other_feature = np.diff(feature, prepend=feature[0] - 1) != 0
     other_contributor = other_feature | (np.diff(contributor, prepend=contributor[0]) != 0)
@@ -125,13 +127,15 @@ def _contributions(passes: PassColumns, policy: ClassPolicy, trust: ArrayLike | 
     ends = np.append(begins[1:], order.size) - 1
     number = np.cumsum(other_contributor)
     code = number - np.repeat(number[other_feature], np.diff(np.append(np.flatnonzero(other_feature), order.size)))
+    if trust is None and policy.trusts is not None:
+        trust = policy.trust * policy.trusts.shares(passes.contributor)
     f, a, w = discounted(
         np.add.reduceat(passes.weight_for[order], begins),
         np.add.reduceat(passes.weight_against[order], begins),
         policy.trust if trust is None else np.broadcast_to(np.asarray(trust, float), order.shape)[order][begins],
         policy,
     )
-    return _Contributions(feature[begins], code[begins], time[ends], f, a, w)
+    return _Contributions(feature[begins], code[begins], contributor[begins], time[ends], f, a, w)
 
 
 def _newest_informative(items: _Contributions, features: int, policy: ClassPolicy) -> _Contributions:
@@ -146,6 +150,7 @@ def _newest_informative(items: _Contributions, features: int, policy: ClassPolic
     return _Contributions(
         items.feature[order],
         items.code[order],
+        items.contributor[order],
         items.time[order],
         items.weight_for[order],
         items.weight_against[order],

@@ -27,6 +27,7 @@ class Histories:
     weight_against: Array  # (K, N), a >= 0, discounted
     informativeness: Array  # (K, N), w in [0, 1]
     contributor: Indices  # (K, N), codes from 0 that tell the contributors of one feature apart
+    proven: Flags | None = None  # (K, N), whether the contributor has a record; None: all have
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,22 +111,45 @@ def _standing(
     for step in range(len(reached)):
         asking = np.flatnonzero(reached[step] & ~stands)
         if asking.size:
-            stands[asking] = _contributors(histories, weight, step + 1, asking, policy) >= quorum
+            stands[asking] = _quorate(histories, weight, step + 1, asking, policy, quorum=quorum)
         leaving = np.flatnonzero(stands & (mass[step] < policy.leave))
         if leaving.size:
-            stands[leaving] = _contributors(histories, other, step + 1, leaving, policy) < policy.contributors_leave
+            stands[leaving] = ~_quorate(histories, other, step + 1, leaving, policy, quorum=policy.contributors_leave)
         result[step] = stands
     return result
 
 
+def _quorate(
+    histories: Histories, weight: Array, steps: int, features: Indices, policy: ClassPolicy, *, quorum: int
+) -> Flags:
+    """Say after a number of steps, for M features, whether enough contributors speak on a side.
+
+    Where none of them has a record it takes as many as the policy wants of strangers, unless one alone decides anyway.
+    """
+    speak = _speaking(histories, weight, steps, features, policy)
+    count = np.count_nonzero(speak, axis=1)
+    enough = count >= quorum
+    if histories.proven is None or quorum == 1 or not enough.any():
+        return np.asarray(enough)
+    known = np.zeros(speak.shape, bool)
+    rows = np.broadcast_to(np.arange(features.size), (steps, features.size))
+    known[rows, histories.contributor[:steps, features]] = histories.proven[:steps, features]
+    return np.asarray(enough & ((speak & known).any(axis=1) | (count >= policy.contributors_unproven)))
+
+
 def _contributors(histories: Histories, weight: Array, steps: int, features: Indices, policy: ClassPolicy) -> Indices:
-    """Count after a number of steps, for M features, the contributors of whose weights enough is left in the fold.
+    """Count after a number of steps, for M features, the contributors of whose weights enough is left in the fold."""
+    return np.asarray(np.count_nonzero(_speaking(histories, weight, steps, features, policy), axis=1), np.intp)
+
+
+def _speaking(histories: Histories, weight: Array, steps: int, features: Indices, policy: ClassPolicy) -> Flags:
+    """Return (M, C), which contributors of M features still speak after a number of steps.
 
     A contributor is counted while at least `contributor_weight` of what it said on that side is left: misses that
     everyone has forgotten must not help one car to a quorum.
     """
     if not steps or not features.size:
-        return np.zeros(features.size, np.intp)
+        return np.zeros((features.size, 0), bool)
     forgotten = np.cumsum(histories.informativeness[:steps, features], axis=0)
     left = policy.forgetting ** (forgotten[-1] - forgotten) * weight[:steps, features]
     who = histories.contributor[:steps, features]
@@ -133,5 +157,4 @@ def _contributors(histories: Histories, weight: Array, steps: int, features: Ind
     # a contributor that speaks twice has one sum
     rows = np.arange(features.size) * width + who
     sums = np.bincount(rows.ravel(), left.ravel(), minlength=features.size * width)
-    enough = sums.reshape(features.size, width) >= policy.contributor_weight
-    return np.asarray(np.count_nonzero(enough, axis=1), np.intp)
+    return np.asarray(sums.reshape(features.size, width) >= policy.contributor_weight)

@@ -12,6 +12,7 @@ from enum import StrEnum
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slamcu_core.aggregation.course import Course, Histories, discounted, fold_histories
 from slamcu_core.aggregation.policy import ClassPolicy
@@ -93,7 +94,7 @@ def contributions(
     Parameters
     ----------
     passes : passes over one feature, without duplicates.
-    trust : α in [0, 1) of a contributor; the policy's if not given.
+    trust : α in [0, 1) of a contributor; if not given the policy's, by what it knows of contributors.
 
     Returns
     -------
@@ -118,7 +119,7 @@ def contributions_each(
     f, a, informativeness = discounted(
         [math.fsum(p.weight_for for p in group) for group in members],
         [math.fsum(p.weight_against for p in group) for group in members],
-        [_trust(contributor, policy, trust) for _, contributor, _ in ordered],
+        _trust([contributor for _, contributor, _ in ordered], policy, trust),
         policy,
     )
     flat = [
@@ -183,25 +184,28 @@ def fold_each(
     priors = np.array(list(prior_weights), float)
     if len(priors) != len(newest):
         raise EvidenceError(f"{len(newest)} features need as many priors, not {len(priors)}")
-    course = fold_histories(_histories(newest), priors, policy, deleted=side is Side.DELETED)
+    course = fold_histories(_histories(newest, policy), priors, policy, deleted=side is Side.DELETED)
     return [
         _state(items, course, feature, prior, with_steps=with_steps)
         for feature, (items, prior) in enumerate(zip(newest, priors.tolist(), strict=True))
     ]
 
 
-def _histories(newest: Sequence[Sequence[Contribution]]) -> Histories:
+def _histories(newest: Sequence[Sequence[Contribution]], policy: ClassPolicy) -> Histories:
     """Return the contributions of N features as arrays of as many steps as the longest has."""
     shape = max(map(len, newest), default=0), len(newest)
     f, a, w = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     who = np.zeros(shape, np.intp)
+    proven = np.zeros(shape, bool)
     for feature, items in enumerate(newest):
         codes: dict[int, int] = {}
         for step, item in enumerate(items):
             f[step, feature], a[step, feature] = item.weight_for, item.weight_against
             w[step, feature] = item.informativeness
             who[step, feature] = codes.setdefault(item.contributor, len(codes))
-    return Histories(f, a, w, who)
+        if policy.trusts is not None:
+            proven[: len(items), feature] = policy.trusts.records([item.contributor for item in items])
+    return Histories(f, a, w, who, None if policy.trusts is None else proven)
 
 
 def _state(
@@ -290,13 +294,17 @@ def fades_at(state: FoldedState, policy: ClassPolicy, side: Side, mass: float) -
     return state.last_informative - math.log2(kept) * policy.half_life_days * _DAY_S
 
 
-def _trust(contributor: int, policy: ClassPolicy, trust: Callable[[int], float] | None) -> float:
+def _trust(
+    contributors: Sequence[int], policy: ClassPolicy, trust: Callable[[int], float] | None
+) -> NDArray[np.float64]:
     if trust is None:
-        return policy.trust
-    alpha = float(trust(contributor))
-    if not 0.0 <= alpha < 1.0:
-        raise EvidenceError(f"the trust of contributor {contributor} must lie in [0, 1), not {alpha}")
-    return alpha
+        return policy.trust * (
+            np.ones(len(contributors)) if policy.trusts is None else policy.trusts.shares(contributors)
+        )
+    for contributor in contributors:
+        if not 0.0 <= trust(contributor) < 1.0:
+            raise EvidenceError(f"the trust of contributor {contributor} must lie in [0, 1), not {trust(contributor)}")
+    return np.array([trust(contributor) for contributor in contributors], float)
 
 
 def _newest_informative(contributions: Iterable[Contribution], policy: ClassPolicy) -> list[Contribution]:

@@ -32,9 +32,19 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from slamcu_core.aggregation.trust import Trusts
 from slamcu_core.errors import EvidenceError
 
-_COUNTS = frozenset({"contributors_new", "contributors_deleted", "contributors_leave", "pair_patience", "window"})
+_COUNTS = frozenset(
+    {
+        "contributors_new",
+        "contributors_deleted",
+        "contributors_leave",
+        "contributors_unproven",
+        "pair_patience",
+        "window",
+    }
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +62,7 @@ class ClassPolicy:
     contributors_new: int = 2  # least number of contributors whose evidence for a new feature still weighs
     contributors_deleted: int = 3  # the same for evidence against a mapped feature
     contributors_leave: int = 2  # the same for evidence that makes what stands stand no longer
+    contributors_unproven: int = 4  # the same for each of these, if above 1, where none of them has a record
     contributor_weight: float = 0.1  # weight of evidence that a contributor must have left in the fold to be counted
     window: int = 64  # K, newest informative contributions that fold: 0.8⁶⁴ = 6e-7
     minimum_informativeness: float = 0.05  # w in [0, 1) below which a contribution has seen nothing
@@ -62,8 +73,11 @@ class ClassPolicy:
     pair_days: float = 30.0  # days between the turn of evidence about the old place and the first find at the new one
     pair_patience: int = 6  # contributors for a new one from which it waits no more for a deletion under way beside it
 
+    # What is known of contributors, no parameter and in no document; None: all are trusted as the policy says.
+    trusts: Trusts | None = field(default=None, compare=False, repr=False)
+
     def __post_init__(self) -> None:
-        for name in (spec.name for spec in dataclasses.fields(self)):
+        for name in _PARAMETERS:
             value = getattr(self, name)
             if name in _COUNTS:
                 _require(
@@ -99,6 +113,13 @@ class ClassPolicy:
             f"at least match_radius_m = {self.match_radius_m}",
         )
 
+    def to_document(self) -> dict[str, Any]:
+        """Return the parameters as a document fit for JSON, every one written out."""
+        return {name: getattr(self, name) for name in _PARAMETERS}
+
+
+_PARAMETERS = tuple(spec.name for spec in dataclasses.fields(ClassPolicy) if spec.name != "trusts")
+
 
 @dataclass(frozen=True)
 class Policy:
@@ -121,11 +142,18 @@ class Policy:
         """The farthest in metres that a pass or belief can matter for another: the largest pairing radius."""
         return max(policy.pair_radius_m for policy in (self.default, *self.classes.values()))
 
+    def trusting(self, trusts: Trusts | None) -> Policy:
+        """Return the same policy with what is known of contributors."""
+        return Policy(
+            dataclasses.replace(self.default, trusts=trusts),
+            {name: dataclasses.replace(rules, trusts=trusts) for name, rules in self.classes.items()},
+        )
+
     def to_document(self) -> dict[str, Any]:
         """Return the policy as a document fit for JSON, every field written out."""
         return {
-            "default": dataclasses.asdict(self.default),
-            "classes": {name: dataclasses.asdict(self.classes[name]) for name in sorted(self.classes)},
+            "default": self.default.to_document(),
+            "classes": {name: self.classes[name].to_document() for name in sorted(self.classes)},
         }
 
     @classmethod
@@ -152,9 +180,9 @@ class Policy:
 
 def _class_policy(document: object, base: ClassPolicy, path: str) -> ClassPolicy:
     entry = _mapping(document, path)
-    known = {spec.name for spec in dataclasses.fields(ClassPolicy)}
+    known = sorted(_PARAMETERS)
     for key in entry:
-        _require(key in known, f"{path}.{key}", entry[key], f"one of {', '.join(sorted(known))}", unknown=True)
+        _require(key in known, f"{path}.{key}", entry[key], f"one of {', '.join(known)}", unknown=True)
     try:
         return dataclasses.replace(base, **entry)
     except EvidenceError as error:

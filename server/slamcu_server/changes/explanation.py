@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
@@ -65,7 +65,7 @@ def explain(case: Case, salt: bytes, as_of: datetime) -> dict[str, Any]:
             }
             for step in state.steps
         ],
-        "policy": asdict(case.policy),
+        "policy": case.policy.to_document(),
         "would_flip": would_flip(case, parts),
     }
 

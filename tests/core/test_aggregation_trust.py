@@ -1,0 +1,140 @@
+"""Trust only takes away, strangers need more company than those with a record, and lists and columns agree."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slamcu_core.aggregation import (
+    ClassPolicy,
+    PassColumns,
+    PassEvidence,
+    Policy,
+    Side,
+    Trusts,
+    contributions,
+    fold,
+    fold_columns,
+)
+from slamcu_core.errors import EvidenceError
+
+FULL = 20.0
+HOUR = 3600.0
+
+
+def trusts(**known: Any) -> Trusts:
+    """`trusts(c3=(0.5, True))`: contributor 3 has half the policy's trust, and a record."""
+    rows = sorted((int(name[1:]), *values) for name, values in known.items())
+    return Trusts(
+        1,
+        np.array([row[0] for row in rows], np.int64),
+        np.array([row[1] for row in rows], float),
+        np.array([row[2] for row in rows], bool),
+    )
+
+
+def standing(policy: ClassPolicy, side: Side, *says: tuple[int, float]) -> list[bool]:
+    """Fold passes of an hour each, (contributor, +1 or -1), and return whether the change stands after each."""
+    passes = [
+        PassEvidence(who, number * HOUR, FULL * (sign > 0), FULL * (sign < 0))
+        for number, (who, sign) in enumerate(says)
+    ]
+    prior = 3.0 if side is Side.DELETED else 0.0
+    state = fold(contributions(passes, policy), prior_weight=prior, policy=policy, side=side)
+    return [step.standing for step in state.steps]
+
+
+def test_strangers_need_more_company_than_those_with_a_record() -> None:
+    nobody, one = ClassPolicy(trusts=trusts()), ClassPolicy(trusts=trusts(c2=(1.0, True)))
+    finds = [(number, 1.0) for number in range(1, 6)]
+    assert standing(ClassPolicy(), Side.NEW, *finds) == [False, True, True, True, True]
+    assert standing(nobody, Side.NEW, *finds) == [False, False, False, True, True]
+    assert standing(one, Side.NEW, *finds) == [False, True, True, True, True]
+    misses = [(number, -1.0) for number in range(1, 6)]
+    everyone = standing(ClassPolicy(), Side.DELETED, *misses)
+    assert standing(nobody, Side.DELETED, *misses) == everyone == [False, False, False, True, True]
+
+
+def test_three_strangers_decide_nothing_however_often_they_come() -> None:
+    nobody = ClassPolicy(trusts=trusts())
+    for side, sign in ((Side.NEW, 1.0), (Side.DELETED, -1.0)):
+        assert not any(standing(nobody, side, *[(number % 3, sign) for number in range(40)]))
+    # nor do they take back what stands
+    believed = [(number, 1.0) for number in range(10, 14)]
+    assert standing(nobody, Side.NEW, *believed, *[(number % 3, -1.0) for number in range(40)])[-1]
+    assert not standing(ClassPolicy(), Side.NEW, *believed, *[(number % 3, -1.0) for number in range(40)])[-1]
+
+
+def test_where_one_car_decides_anyway_it_needs_no_record() -> None:
+    single = ClassPolicy(contributors_new=1, enter=0.6, trusts=trusts())
+    assert standing(single, Side.NEW, (1, 1.0)) == [True]
+
+
+def test_a_contributor_without_trust_neither_says_nor_erases() -> None:
+    honest = [PassEvidence(number, number * HOUR, FULL, 0.0) for number in range(1, 4)]
+    liar = PassEvidence(9, 9 * HOUR, 0.0, FULL)
+    policy = ClassPolicy(trusts=trusts(c9=(0.05, False)))
+    with_liar, without = (
+        fold(contributions(passes, policy), prior_weight=0.0, policy=policy, side=Side.NEW)
+        for passes in ([*honest, liar], honest)
+    )
+    assert with_liar.weight_for == without.weight_for
+    assert with_liar.weight_against == 0.0
+
+
+def test_trust_is_no_parameter_of_the_policy() -> None:
+    policy = Policy()
+    known = policy.trusting(trusts(c1=(0.5, False)))
+    assert known.version == policy.version
+    assert known.to_document() == policy.to_document()
+    assert known == policy
+    assert known.for_class("pole").trusts is known.default.trusts
+    with pytest.raises(EvidenceError, match=r"default\.trusts is unknown"):
+        Policy.from_document({"default": {"trusts": None}})
+
+
+@pytest.mark.parametrize(
+    ("contributor", "share", "message"),
+    [([2, 1], [1.0, 1.0], "ascend"), ([1], [1.5], "share"), ([1, 2], [1.0], "one share")],
+)
+def test_a_table_that_cannot_be_is_refused(contributor: list[int], share: list[float], message: str) -> None:
+    with pytest.raises(EvidenceError, match=message):
+        Trusts(1, np.array(contributor, np.int64), np.array(share), np.zeros(len(share), bool))
+
+
+@given(
+    says=st.lists(
+        st.tuples(st.integers(0, 2), st.integers(1, 6), st.integers(0, 30), st.floats(0, 5), st.floats(0, 5)),
+        min_size=1,
+        max_size=40,
+    ),
+    known=st.dictionaries(st.integers(1, 6), st.tuples(st.floats(0, 1), st.booleans())),
+    deleted=st.booleans(),
+)
+def test_columns_and_lists_agree_under_any_table(says: Any, known: Any, deleted: bool) -> None:
+    policy = replace(ClassPolicy(), trusts=trusts(**{f"c{who}": values for who, values in known.items()}))
+    feature, contributor, hour, weight_for, weight_against = (np.array(column) for column in zip(*says, strict=True))
+    columns = fold_columns(
+        PassColumns(
+            feature.astype(np.intp), contributor, hour * HOUR, weight_for.astype(float), weight_against.astype(float)
+        ),
+        [1.0, 1.0, 1.0],
+        policy,
+        deleted=deleted,
+    )
+    for number in range(3):
+        passes = [PassEvidence(who, at * HOUR, f, a) for which, who, at, f, a in says if which == number]
+        state = fold(
+            contributions(passes, policy),
+            prior_weight=1.0,
+            policy=policy,
+            side=Side.DELETED if deleted else Side.NEW,
+        )
+        assert columns.weight_for[number] == pytest.approx(state.weight_for, abs=1e-12)
+        assert columns.weight_against[number] == pytest.approx(state.weight_against, abs=1e-12)
+        assert columns.standing[number] == state.standing
