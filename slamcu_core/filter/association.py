@@ -19,26 +19,25 @@ Array = NDArray[np.float64]
 class Marginal:
     """The predicted measurement of F features with the particles averaged out.
 
-    `mean` (2, F) and `covariance` (2, 2, F) are in measurement space and hold the spread of the particles, the
-    feature's own uncertainty and the calibration's, but no measurement noise.
+    `mean` (2, F) and `covariance` (3, F) are in measurement space and hold the spread of the particles, the feature's
+    own uncertainty and the calibration's, but no measurement noise.
     """
 
     mean: Array
     covariance: Array
 
 
-def marginalise(model: SensorModel, predicted: Array, weights: Array, extra: Array) -> Marginal:
-    """Average predicted measurements (2, F, M) over particles; `extra` (2, 2, F) is added to their covariance."""
-    reference = predicted[:, :, int(weights.argmax())]
-    delta = model.innovation(predicted, reference[:, :, None])
-    offset = delta @ weights
-    delta -= offset[:, :, None]
-    weighted = delta * weights
-    cross = np.einsum("fk,fk->f", weighted[0], delta[1])
-    extra[0, 0] += np.einsum("fk,fk->f", weighted[0], delta[0])
-    extra[1, 1] += np.einsum("fk,fk->f", weighted[1], delta[1])
-    extra[0, 1] += cross
-    extra[1, 0] += cross
+def marginalise(deviation: Array, weights: Array, reference: Array, extra: Array) -> Marginal:
+    """Average predicted measurements over the particles.
+
+    They are given as deviations (2, F, M) from reference measurements (2, F); `extra` (3, F) is added to their
+    covariance, in place.
+    """
+    offset = deviation @ weights
+    weighted = deviation * weights
+    extra[0] += np.vecdot(weighted[0], deviation[0]) - offset[0] * offset[0]
+    extra[1] += np.vecdot(weighted[0], deviation[1]) - offset[0] * offset[1]
+    extra[2] += np.vecdot(weighted[1], deviation[1]) - offset[1] * offset[1]
     return Marginal(reference + offset, extra)
 
 
@@ -61,11 +60,13 @@ def associate(
     """
     measurements, noise = detections
     nu = model.innovation(measurements[:, :, None], marginal.mean[:, None, :])
-    covariance = np.repeat(marginal.covariance[:, :, None], measurements.shape[1], axis=2)
-    covariance[0, 0] += noise[0, :, None]
-    covariance[1, 1] += noise[1, :, None]
-    square, determinant = mahalanobis_square(nu, covariance)
+    xx, xy, yy = marginal.covariance
+    square, determinant = mahalanobis_square(nu, (xx + noise[0, :, None], xy, yy + noise[1, :, None]))
     # ln N(ν; 0, Q) - ln(clutter density)
-    score = log_prior - 0.5 * (square + np.log(determinant)) - (math.log(2.0 * math.pi) + model.log_clutter)
+    score = np.log(determinant)
+    score += square
+    score *= -0.5
+    score += log_prior
+    score -= math.log(2.0 * math.pi) + model.log_clutter
     score[square > gate] = -np.inf
     return assign(score), square

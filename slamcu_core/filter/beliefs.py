@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from slamcu_core.evidence import Masses, conflict, support
 from slamcu_core.filter.calibration import SensorCalibration
-from slamcu_core.filter.ekf import inverse_2x2
+from slamcu_core.filter.ekf import inverse
 from slamcu_core.filter.estimates import FeatureEstimate
 from slamcu_core.filter.existence import State
 from slamcu_core.filter.map_management import MapManagement
@@ -43,15 +43,18 @@ class Beliefs:
         self._names, self._parameters = names, parameters
 
     def place(self, row: int) -> tuple[Array, Array]:
-        """Return where a row is by the car's own measurements: mean (2,) and covariance (2, 2), pose included.
+        """Return where a row is by the car's own measurements: mean (2,) and covariance (3,), pose included.
 
         What no detection could average out (the calibration's rest, and what is constant within a pass) is added
         along and across the line of sight.
         """
         table = self._table
         if table.kind[row] != Kind.NEW:
-            inverse, _ = inverse_2x2(table.seen_information[row])
-            xy, covariance = inverse @ table.seen_vector[row], inverse + self._particles.place_covariance()
+            covariance = inverse(table.seen_information[row].ravel()[[0, 1, 3]])
+            xx, cross, yy = covariance.tolist()
+            x, y = table.seen_vector[row].tolist()
+            xy = np.array([xx * x + cross * y, cross * x + yy * y])
+            covariance += self._particles.place_covariance()
         elif table.slot[row] >= 0:
             xy, covariance = self._particles.collapse(int(table.slot[row]))
         else:
@@ -61,14 +64,12 @@ class Beliefs:
         return xy, covariance
 
     def _with_bias(self, covariance: Array, line: Array) -> Array:
-        """Add to a covariance (2, 2) what the car's detections along a line of sight (2,) have wrong in common."""
-        across = np.array([-line[1], line[0]])
-        range_variance = self._calibration.variance[0] + self._parameters.pass_range_std**2
-        return np.asarray(
-            covariance
-            + range_variance * np.outer(line, line)
-            + self._calibration.variance[1] * np.outer(across, across)
-        )
+        """Add to a covariance (3,) what the car's detections along a line of sight (2,) have wrong in common."""
+        x, y = line.tolist()
+        along, across = self._calibration.variance.tolist()
+        along += self._parameters.pass_range_std**2
+        common = along * x * x + across * y * y, (along - across) * x * y, along * y * y + across * x * x
+        return np.asarray(covariance + common)
 
     def position(self, row: int) -> MeasuredPosition:
         """Return the place of a row in geographic coordinates."""
@@ -156,4 +157,5 @@ def _map_state(weight_for: float, weight_against: float, *, watched: bool) -> st
 
 
 def _spread(covariance: Array) -> tuple[float, float, float]:
-    return float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
+    xx, xy, yy = covariance.tolist()
+    return xx, xy, yy

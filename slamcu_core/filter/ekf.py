@@ -1,13 +1,19 @@
-"""The EKF of new features in each particle, eq. 13-16 with the errata, on arrays of 2×2 matrices.
+"""The EKF of new features in each particle, eq. 13-16 with the errata, in closed form on arrays.
 
-Components lead: vectors are (2, ...), matrices (2, 2, ...), as many of them as there are features and particles. So a
-product of matrices is three operations on long arrays instead of a call for each small matrix.
+Components lead: vectors are (2, ...), symmetric matrices (3, ...) of xx, xy, yy, general ones (2, 2, ...), as many of
+them as there are features and particles. H is a rotation into the line of sight (`models.Jacobian`), in whose axes the
+noise R is diagonal, and all inverses are written out: a step is a few operations on long arrays, not a call for each
+small matrix.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
+
+from slamcu_core.models import Jacobian
 
 Array = NDArray[np.float64]
 
@@ -33,57 +39,92 @@ def transpose(matrix: Array) -> Array:
     return matrix.swapaxes(0, 1)
 
 
-def determinant_2x2(matrix: Array) -> Array:
-    """Return the determinants (...) of matrices (2, 2, ...)."""
-    return np.asarray(matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0])
+def inverse(matrix: Sequence[Array] | Array) -> Array:
+    """Return the inverses (3, ...) of symmetric matrices (3, ...)."""
+    xx, xy, yy = matrix
+    return np.asarray(np.array([yy, -xy, xx]) / (xx * yy - xy * xy))
 
 
-def inverse_2x2(matrix: Array) -> tuple[Array, Array]:
-    """Return the inverses (2, 2, ...) and determinants (...) of matrices (2, 2, ...)."""
-    determinant = determinant_2x2(matrix)
-    inverse = np.empty_like(matrix)
-    np.divide(matrix[1, 1], determinant, out=inverse[0, 0, ...])
-    np.divide(matrix[0, 0], determinant, out=inverse[1, 1, ...])
-    np.divide(matrix[0, 1], -determinant, out=inverse[0, 1, ...])
-    np.divide(matrix[1, 0], -determinant, out=inverse[1, 0, ...])
-    return inverse, determinant
-
-
-def mahalanobis_square(vector: Array, covariance: Array) -> tuple[Array, Array]:
-    """Return νᵀ Q⁻¹ ν for vectors (2, ...) and symmetric matrices (2, 2, ...), and the determinants of Q."""
+def mahalanobis_square(vector: Array, covariance: Sequence[Array] | Array) -> tuple[Array, Array]:
+    """Return νᵀ Q⁻¹ ν for vectors (2, ...) and symmetric matrices (3, ...), and the determinants of Q."""
     x, y = vector
-    determinant = determinant_2x2(covariance)
-    square = x * x * covariance[1, 1] - (2.0 * x) * y * covariance[0, 1] + y * y * covariance[0, 0]
-    return square / determinant, determinant
+    xx, xy, yy = covariance
+    determinant = xx * yy
+    determinant -= xy * xy
+    square = x * x
+    square *= yy
+    cross = x * y
+    cross *= xy
+    cross += cross
+    square -= cross
+    square += y * y * xx
+    square /= determinant
+    return square, determinant
 
 
-def innovation_covariance(jacobian: Array, covariance: Array, noise: Array) -> Array:
-    """Return Q = H Σ Hᵀ + R (eq. 18); `noise` holds the variances (2, ...) of R."""
-    q = product(product(jacobian, covariance), transpose(jacobian))
-    q[0, 0] += noise[0]
-    q[1, 1] += noise[1]
+def turned(cos: Array, sin: Array, matrix: Sequence[Array] | Array) -> Array:
+    """Return R Σ Rᵀ (3, ...) of symmetric matrices (3, ...) with R = [[cos, sin], [-sin, cos]]."""
+    xx, xy, yy = matrix
+    first = xx * cos
+    first += xy * sin
+    second = xy * cos
+    second += yy * sin
+    result = np.empty((3, *first.shape))
+    along = np.multiply(first, cos, out=result[0, ...])
+    along += second * sin
+    across = np.multiply(second, cos, out=result[1, ...])
+    across -= first * sin
+    np.subtract(xx + yy, along, out=result[2, ...])
+    return result
+
+
+def projected(jacobian: Jacobian, covariance: Sequence[Array] | Array) -> Array:
+    """Return H Σ Hᵀ (3, ...) of covariances Σ (3, ...)."""
+    return shrunk(jacobian, turned(jacobian.cos, jacobian.sin, covariance))
+
+
+def shrunk(jacobian: Jacobian, along: Array) -> Array:
+    """Turn covariances (3, ...) along the line of sight, R Σ Rᵀ, into those of what is measured there, in place."""
+    along[1:] *= jacobian.shrink
+    along[2] *= jacobian.shrink
+    return along
+
+
+def innovation_covariance(jacobian: Jacobian, covariance: Array, noise: Array) -> Array:
+    """Return Q = H Σ Hᵀ + R (3, ...) (eq. 18); `noise` holds the variances (2, ...) of R."""
+    q = projected(jacobian, covariance)
+    q[0] += noise[0]
+    q[2] += noise[1]
     return q
 
 
-def update(mean: Array, covariance: Array, jacobian: Array, innovation: Array, noise: Array) -> tuple[Array, Array]:
-    """Return mean and covariance after a measurement (eq. 16), all shapes (2, ...) and (2, 2, ...).
+def update(mean: Array, covariance: Array, jacobian: Jacobian, innovation: Array, noise: Array) -> tuple[Array, Array]:
+    """Return mean (2, ...) and covariance (3, ...) after a measurement (eq. 16).
 
-    K = Σ Hᵀ (H Σ Hᵀ + R)⁻¹, μ ← μ + K (z - ẑ), Σ ← (I - K H) Σ in Joseph's form, which stays positive definite.
+    K = Σ Hᵀ (H Σ Hᵀ + R)⁻¹, μ ← μ + K (z - ẑ), Σ ← (I - K H) Σ, along the line of sight, where the place itself is
+    measured with a diagonal noise N: there Σ ← N - N (Σ + N)⁻¹ N, in which only what is positive is added.
     """
-    across = product(covariance, transpose(jacobian))
-    q = product(jacobian, across)
-    q[0, 0] += noise[0]
-    q[1, 1] += noise[1]
-    gain = product(across, inverse_2x2(q)[0])
-    moved = mean + apply(gain, innovation)
-    rest = -product(gain, jacobian)
-    rest[0, 0] += 1.0
-    rest[1, 1] += 1.0
-    spread = product(product(rest, covariance), transpose(rest)) + product(gain * noise, transpose(gain))
-    return moved, spread
+    cos, sin, shrink = jacobian.cos, jacobian.sin, jacobian.shrink
+    p00, p01, p11 = turned(cos, sin, covariance)
+    stretch = 1.0 / shrink
+    n0, n1 = noise[0], noise[1] * stretch * stretch
+    first, second = p00 * n1, p11 * n0
+    determinant = p00 * p11 - p01 * p01
+    first += determinant
+    second += determinant
+    determinant = first + (p11 + n1) * n0
+    first /= determinant
+    second /= determinant
+    cross = p01 / determinant
+    along, across = innovation[0], innovation[1] * stretch
+    u = first * along + (n0 * cross) * across
+    v = (n1 * cross) * along + second * across
+    moved = np.array([mean[0] + (cos * u - sin * v), mean[1] + (sin * u + cos * v)])
+    return moved, turned(cos, -sin, (n0 * first, (n0 * n1) * cross, n1 * second))
 
 
-def birth_covariance(jacobian: Array, noise: Array) -> Array:
-    """Return Σ = H⁻¹ R H⁻ᵀ of a feature placed by one measurement, shape (2, 2, ...)."""
-    back, _ = inverse_2x2(jacobian)
-    return product(back * noise, transpose(back))
+def birth_covariance(jacobian: Jacobian, noise: Array) -> Array:
+    """Return Σ = H⁻¹ R H⁻ᵀ (3, ...) of a feature placed by one measurement."""
+    across = noise[1] / (jacobian.shrink * jacobian.shrink)
+    along = np.broadcast_to(noise[0], across.shape)
+    return turned(jacobian.cos, -jacobian.sin, (along, np.zeros_like(across), across))

@@ -1,103 +1,49 @@
-"""One frame of detections through the filter: sections 4.3 and 5.2-5.4 in the order of the paper's Figure 5."""
+"""One frame of detections through the particles: sections 4.3.1 and 5.2-5.4 in the order of the paper's Figure 5."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.drive import Detection, Occluder
-from slamcu_core.evidence import support
+from slamcu_core.drive import Occluder
 from slamcu_core.filter import ekf, existence, proposal, weighting
-from slamcu_core.filter.association import Marginal, associate, marginalise
+from slamcu_core.filter.association import associate
 from slamcu_core.filter.calibration import SensorCalibration
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
-from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
-from slamcu_core.geometry import wrap_angle
-from slamcu_core.models import SensorModel, Sight, occlusion_probability, visibility_probability
+from slamcu_core.filter.table import FeatureTable
+from slamcu_core.filter.view import Seen, View, look
+from slamcu_core.models import Jacobian, SensorModel, Sight
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)
-class View:
-    """What one sensor should see at one instant: F rows from M particles.
-
-    `sight` is how each particle sees the points (2, F, M); `predicted` (2, F, M) the measurement with each particle's
-    calibration; `pending` (3, 3) is the covariance of the poses' pending noise; `visible` (F,) P(visible) by field of
-    view, `hidden` (F,) the probability of occlusion.
-    """
+class CloseLook:
+    """How each of M particles sees A rows from its pose, with its own map of the car's finds among them."""
 
     rows: Index
-    points: Array
+    own: Index  # which of the A are the car's own finds
+    slots: Index  # of those
+    looks: Array  # (A,) independent looks of the pass, this one included
+    means: Array  # (2, B, M) of the finds
+    covariance: Array  # (3, A, M) of the places
     sight: Sight
-    predicted: Array
-    pending: Array
-    visible: Array
-    hidden: Array
-    marginal: Marginal
+    by_feature: Jacobian
+    by_place: Array  # (3, A, M), H Σ Hᵀ
 
 
 @dataclass(frozen=True, slots=True)
 class Matches:
     """Detections matched with rows, A of them, as the particles see those rows once their poses are sampled."""
 
-    rows: Index
-    points: Array  # (2, A, M)
-    sight: Sight
+    close: CloseLook
     measurement: Array  # (2, A)
     noise: Array  # (2, A)
-
-    def __getitem__(self, chosen: NDArray[np.bool_]) -> Matches:
-        """Return some of the matches."""
-        index = (chosen).nonzero()[0]
-        if len(index) == len(self.rows):
-            return self
-        return Matches(
-            self.rows[index],
-            self.points[:, index],
-            self.sight[index],
-            self.measurement[:, index],
-            self.noise[:, index],
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """The detections of a frame as arrays: D measurements with variances and codes."""
-
-    measurement: Array  # (2, D)
-    noise: Array  # (2, D)
-    feature_class: Index
-    sign: Index
-    value: Index
-    weight: Array  # of eq. 1
-
-    @property
-    def named(self) -> bool:
-        """Whether the sign or value of any was read."""
-        return bool(self.sign.any() or self.value.any())
-
-    def keep(self, which: NDArray[np.bool_]) -> Seen:
-        """Return only some of the detections, (D,)."""
-        if which.all():
-            return self
-        return Seen(*(getattr(self, item.name)[..., which] for item in fields(self)))
-
-
-def read_detections(model: SensorModel, items: tuple[Detection, ...], names: Vocabulary) -> Seen:
-    """Turn detections into arrays; raises SlamcuError if one lacks what its sensor measures."""
-    measurement = np.array([model.measurement(item) for item in items], float).reshape(-1, 2).T
-    feature_class = np.array([names.code(item.feature_class) for item in items], dtype=np.intp)
-    sign = value = np.zeros(len(items), dtype=np.intp)
-    if any(item.sign is not None or item.value is not None for item in items):
-        sign = np.array([names.code(item.sign) for item in items], dtype=np.intp)
-        value = np.array([names.code(item.value) for item in items], dtype=np.intp)
-    weight = support([item.confidence for item in items])
-    return Seen(measurement, model.noise(measurement), feature_class, sign, value, weight)
+    innovation: Array  # (2, A, M)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,32 +57,17 @@ class FrameUpdate:
     parameters: FilterParameters
 
     def look(self, rows: Index, weights: Array, mean_pose: Array, occluders: tuple[Occluder, ...]) -> View:
-        """Predict what the sensor should see of the given rows."""
-        own = (self.table.kind[rows] == Kind.NEW).nonzero()[0]
-        slots = self.table.slot[rows[own]]
-        points = np.empty((2, len(rows), len(self.particles)))
-        points[:] = self.table.xy[rows].T[:, :, None]
-        points[:, own] = self.particles.means[:, slots]
-        sight = self.model.sight(self.particles.pose, points)
-        predicted = self._calibrated(sight)
-        pending = self.particles.pending_covariance(weights)
-        covariance = self.table.covariance[rows].transpose(1, 2, 0)
-        covariance[:, :, own] = self.particles.covariances[:, :, slots] @ weights
-        mean_distance = sight.distance @ weights
-        centre = self.model.sight(mean_pose[:, None], points @ weights)
-        by_pose = self.model.by_pose(centre, self.model.by_feature(centre))
-        # H Σ Hᵀ of the features and of the pose's pending noise in one: by place, ∂h/∂x is -H
-        spread = np.empty((3, 3, len(rows)))
-        spread[:] = pending[:, :, None]
-        spread[:2, :2] += covariance
-        extra = ekf.innovation_covariance(by_pose, spread, self.calibration.measurement_variance(mean_distance))
-        marginal = marginalise(self.model, predicted, weights, extra)
-        visible = visibility_probability(self.model.sensor, sight.distance, wrap_angle(sight.bearing), weights)
-        hidden = np.zeros(len(rows))
-        if occluders:
-            bearing_std = np.sqrt(marginal.covariance[1, 1]) if self.model.has_bearing else np.full(len(rows), 0.01)
-            hidden = occlusion_probability(occluders, mean_distance, wrap_angle(centre.bearing), bearing_std)
-        return View(rows, points, sight, predicted, pending, visible, hidden, marginal)
+        """Predict what the sensor should see of the given rows, which have the car's own finds last."""
+        return look(
+            self.model,
+            self.table,
+            self.particles,
+            self.calibration,
+            rows,
+            weights=weights,
+            mean_pose=mean_pose,
+            occluders=occluders,
+        )
 
     def pre_associate(self, view: View, seen: Seen) -> tuple[Index, Array]:
         """Assign detections to features by likelihood, one to one (section 4.3.1); return columns (D,) or -1, and NIS.
@@ -153,100 +84,155 @@ class FrameUpdate:
         return associate(self.model, (seen.measurement, seen.noise), view.marginal, log_prior, self.parameters.gate)
 
     def weigh(
-        self, view: View, seen: Seen, matched: tuple[Index, Index], share: float, rng: np.random.Generator
-    ) -> None:
-        """Weigh the particles by detections of Normal and New features (eq. 17-19).
+        self,
+        view: View,
+        seen: Seen,
+        matched: tuple[Index, Index],
+        usable: NDArray[np.bool_],
+        *,
+        share: float,
+        rng: np.random.Generator,
+    ) -> Matches:
+        """Weigh the particles by detections of Normal and New features (eq. 17-19), and return all matches.
 
         Leaves the poses sampled: from the motion prior, or where that pays from it conditioned on the detections.
-        `matched` are the detections (A,) and the columns (A,) of the view that they belong to.
+        `matched` are the detections (A,) and the columns (A,) of the view that they belong to, `usable` (A,) says of
+        which of them the car may localize on.
         """
-        particles, (detections, columns) = self.particles, matched
-        if not len(columns):
+        particles = self.particles
+        if not usable.any():
             particles.settle(rng)
-            return
-        sight, noise = view.sight[columns], seen.noise[:, detections]
-        by_feature = self.model.by_feature(sight)
-        q = self._innovation_covariance(view.rows[columns], sight.distance, by_feature, noise)
-        by_noise = None
-        if particles.pending is not None and proposal.may_pay(
-            view.pending, view.marginal.mean[0, columns], noise, self.model
-        ):
-            by_noise = proposal.noise_jacobian(self.model.by_pose(sight, by_feature), particles.pending)
-        if by_noise is not None and proposal.pays(by_noise, np.array([q[0, 0], q[1, 1]])):
-            innovation = self.model.innovation(seen.measurement[:, detections, None], view.predicted[:, columns])
+            return self.match(view, seen, matched)
+        if particles.pending is not None and self._conditioning_pays(view, seen, matched, usable):
+            matches = self.match(view, seen, matched)
+            used, close = usable.nonzero()[0], matches.close
+            by_noise = proposal.noise_jacobian(self.model.by_pose(close.sight, close.by_feature), particles.pending)
             likelihood = proposal.condition(
-                particles, by_noise, innovation, q / share, gate=self.parameters.gate, rng=rng
+                particles,
+                by_noise[:, :, used],
+                matches.innovation[:, used],
+                self.innovation_covariance(close, matches.noise)[:, used] / share,
+                gate=self.parameters.gate,
+                rng=rng,
             )
             share = 1.0
+            matches = self.match(view, seen, matched)
         else:
             particles.settle(rng)
-            innovation = self._innovation(self.match(view, seen, detections, columns))
-            likelihood = weighting.gaussian_log_likelihood(innovation, q)
+            matches = self.match(view, seen, matched)
+            q = self.innovation_covariance(matches.close, matches.noise)
+            likelihood = weighting.gaussian_log_likelihood(matches.innovation, q)
+            if not usable.all():
+                likelihood = likelihood[usable]
         likelihood = weighting.robust_log_likelihood(likelihood, self.model.log_clutter, self.parameters.outlier_share)
         particles.log_weight = weighting.combine(particles.log_weight, likelihood, share)
+        return matches
 
-    def match(self, view: View, seen: Seen, detections: Index, columns: Index) -> Matches:
-        """Return matches of detections (A,) with columns (A,) of the view, seen from the poses as they are now."""
-        points = view.points[:, columns]
-        sight = self.model.sight(self.particles.pose, points)
-        return Matches(view.rows[columns], points, sight, seen.measurement[:, detections], seen.noise[:, detections])
+    def match(self, view: View, seen: Seen, matched: tuple[Index, Index]) -> Matches:
+        """Return the matches of detections (A,) with columns (A,) of the view, seen from the poses as they are now."""
+        detections, columns = matched
+        close = self.examine(view, columns)
+        measurement = seen.measurement[:, detections]
+        innovation = self.model.innovation(measurement[:, :, None], self.calibrated(close.sight))
+        return Matches(close, measurement, seen.noise[:, detections], innovation)
 
-    def update_new(self, found: Matches, share: float) -> None:
-        """Update the car's own finds by their detections, in every particle (eq. 16)."""
-        if not len(found.rows):
-            return
-        particles, slots = self.particles, self.table.slot[found.rows]
-        means, covariances = ekf.update(
-            found.points,
-            particles.covariances[:, :, slots],
-            self.model.by_feature(found.sight),
-            self._innovation(found),
-            found.noise[:, :, None] / share,
-        )
-        particles.means[:, slots], particles.covariances[:, :, slots] = means, covariances
-        self.table.xy[found.rows] = means.mean(axis=-1).T  # good enough to say whether a find is within reach
-
-    def calibrate(self, mapped: Matches, share: float) -> None:
-        """Learn the sensor's calibration from detections of Normal features of the map."""
-        if not len(mapped.rows) or not self.model.has_bearing:
-            return
-        count, sight = len(self.particles), mapped.sight
-        innovation = self._innovation(mapped)
-        h = self.model.by_feature(sight)
-        covariance = self.table.covariance[mapped.rows].transpose(1, 2, 0)[..., None]
-        place = np.add.reduce(ekf.product(h, covariance) * h, axis=(1, 3)) / count  # the diagonal of H Σ Hᵀ
-        common = place
-        common[0] += self.parameters.pass_range_std**2 * (
-            np.add.reduce(sight.distance * sight.distance, axis=1) / count
-        )
-        common[1] += self.parameters.pass_bearing_std**2
-        noise = mapped.noise / share + (1.0 + self.table.looks_hit[mapped.rows]) * common
-        mean_range = np.add.reduce(sight.distance, axis=1) / count
-        self.calibration.update(self.particles, innovation, mean_range, noise)
-
-    def _calibrated(self, sight: Sight) -> Array:
-        """Return measurements (2, F, M) as each particle's calibration makes the sensor show them."""
-        scale, turn = self.particles.calibration
-        if self.model.has_bearing:
-            return np.array([sight.distance * (1.0 + scale), sight.bearing + turn])
-        return np.asarray(sight.measurement * (1.0 + scale))
-
-    def _innovation(self, matches: Matches) -> Array:
-        return self.model.innovation(matches.measurement[:, :, None], self._calibrated(matches.sight))
-
-    def _innovation_covariance(self, rows: Index, distance: Array, by_feature: Array, noise: Array) -> Array:
-        """Return Q = H Σ Hᵀ + R (2, 2, A, M), Σ from before the update, of map and new features (errata 17, 18).
-
-        What is constant within a pass does not average out over its n looks, so it counts n times.
-        """
-        table, parameters = self.table, self.parameters
-        own = (table.kind[rows] == Kind.NEW).nonzero()[0]
+    def examine(self, view: View, columns: Index) -> CloseLook:
+        """Look at A columns of the view from each particle's pose as it is now."""
+        table, particles, model = self.table, self.particles, self.model
+        rows, own = view.rows[columns], (columns >= view.mapped).nonzero()[0]
+        slots = table.slot[rows[own]]
+        means = particles.means.take(slots, axis=1)
+        place, direction = model.origin(particles.pose)
+        delta = table.xy.T.take(rows, axis=1)[:, :, None] - place[:, None]
+        delta[:, own] = means - place[:, None]
+        covariance = np.empty((3, len(rows), len(particles)))
+        covariance[:] = table.covariance.T.take(rows, axis=1)[:, :, None]
+        covariance[:, own] = particles.covariances.take(slots, axis=1)
+        sight = model.sight_along(particles.pose, delta, direction)
+        by_feature = model.by_feature(sight)
         looks = 1.0 + table.looks_hit[rows]
-        covariance = np.empty((2, 2, *distance.shape))
-        covariance[:] = (table.covariance[rows].transpose(1, 2, 0) * looks)[..., None]
-        covariance[:, :, own] = self.particles.covariances[:, :, table.slot[rows[own]]]
-        variance = np.empty((2, *distance.shape))  # of the measurement, the calibration and the pass
-        scale_variance = self.calibration.variance[0] + looks * parameters.pass_range_std**2
-        variance[0] = distance * distance * scale_variance[:, None] + noise[0, :, None]
-        variance[1] = (self.calibration.variance[1] + looks * parameters.pass_bearing_std**2 + noise[1])[:, None]
-        return ekf.innovation_covariance(by_feature, covariance, variance)
+        by_place = ekf.projected(by_feature, covariance)
+        return CloseLook(rows, own, slots, looks, means, covariance, sight, by_feature, by_place)
+
+    def calibrated(self, sight: Sight) -> Array:
+        """Return measurements (2, A, M) as each particle's calibration makes the sensor show them."""
+        scale, turn = self.particles.calibration
+        if not self.model.has_bearing:
+            return np.asarray(sight.measurement * (1.0 + scale))
+        shown = np.empty((2, *sight.distance.shape))
+        np.multiply(sight.distance, 1.0 + scale, out=shown[0])
+        np.add(sight.bearing, turn, out=shown[1])
+        return shown
+
+    def innovation_covariance(self, close: CloseLook, noise: Array) -> Array:
+        """Return Q = H Σ Hᵀ + R (3, A, M), Σ from before the update, of map and new features (errata 17, 18)."""
+        distance = close.sight.distance
+        often, scale_variance, turn_variance = self._over_a_pass(close.looks, close.own)
+        q = close.by_place * often[:, None]
+        variance = distance * distance
+        variance *= scale_variance[:, None]
+        variance += noise[0, :, None]
+        q[0] += variance
+        q[2] += (turn_variance + noise[1])[:, None]
+        return q
+
+    def _over_a_pass(self, looks: Array, own: Index) -> tuple[Array, Array, Array]:
+        """Return how often a place's covariance counts (A,), and the variances (A,) of range scale and bearing bias.
+
+        What is constant within a pass does not average out over its n looks, so it counts n times: the place of a map
+        feature, but not of a find, which the looks themselves improve.
+        """
+        parameters, (scale_variance, turn_variance) = self.parameters, self.calibration.variance
+        often = looks.copy()
+        often[own] = 1.0
+        return (
+            often,
+            scale_variance + looks * parameters.pass_range_std**2,
+            turn_variance + looks * parameters.pass_bearing_std**2,
+        )
+
+    def _conditioning_pays(
+        self, view: View, seen: Seen, matched: tuple[Index, Index], usable: NDArray[np.bool_]
+    ) -> bool:
+        """Return whether the poses' pending noise shows in the detections, as the mean pose sees it."""
+        detections, columns = matched[0][usable], matched[1][usable]
+        looks = 1.0 + self.table.looks_hit[view.rows[columns]]
+        often, scale_variance, turn_variance = self._over_a_pass(looks, (columns >= view.mapped).nonzero()[0])
+        variance = view.by_place[:, columns] * often + seen.noise[:, detections]
+        variance[0] += view.marginal.mean[0, columns] ** 2 * scale_variance
+        variance[1] += turn_variance
+        return proposal.pays(view.by_motion[:, columns], variance)
+
+    def update_new(self, matches: Matches, share: float) -> None:
+        """Update the car's own finds by their detections, in every particle (eq. 16)."""
+        close, own = matches.close, matches.close.own
+        if not len(own):
+            return
+        particles, sight = self.particles, close.sight[own]
+        means, covariances = ekf.update(
+            close.means,
+            close.covariance[:, own],
+            close.by_feature[own],
+            # again, for the calibration has learned since
+            self.model.innovation(matches.measurement[:, own, None], self.calibrated(sight)),
+            matches.noise[:, own, None] / share,
+        )
+        particles.means[:, close.slots], particles.covariances[:, close.slots] = means, covariances
+        # good enough to say whether a find is within reach
+        self.table.xy[close.rows[own]] = (np.add.reduce(means, axis=2) / len(particles)).T
+
+    def calibrate(self, matches: Matches, usable: NDArray[np.bool_], share: float) -> None:
+        """Learn the sensor's calibration from detections of Normal features of the map, by `usable` (A,)."""
+        chosen = usable.copy()
+        chosen[matches.close.own] = False
+        index = chosen.nonzero()[0]
+        if not len(index) or not self.model.has_bearing:
+            return
+        count, distance = len(self.particles), matches.close.sight.distance
+        common = np.add.reduce(matches.close.by_place[::2], axis=2)
+        common[0] += self.parameters.pass_range_std**2 * np.vecdot(distance, distance)
+        common /= count
+        common[1] += self.parameters.pass_bearing_std**2
+        noise = matches.noise / share + matches.close.looks * common
+        mean_range = np.add.reduce(distance, axis=1) / count
+        self.calibration.update(self.particles, matches.innovation[:, index], mean_range[index], noise[:, index])

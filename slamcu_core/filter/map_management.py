@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from slamcu_core.filter import existence
 from slamcu_core.filter.ekf import birth_covariance
 from slamcu_core.filter.existence import State
-from slamcu_core.filter.frame_update import Seen, View
 from slamcu_core.filter.neighbourhood import Neighbourhood
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.table import FeatureTable, Kind
+from slamcu_core.filter.view import Seen, View
 from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]
@@ -172,7 +172,7 @@ class MapManagement:
         place = model.invert(pose, measured)
         noise = seen.noise[:, detection, None] / now.share
         particles.means[:, slot] = place
-        particles.covariances[:, :, slot] = birth_covariance(model.feature_jacobian(pose, place), noise)
+        particles.covariances[:, slot] = birth_covariance(model.feature_jacobian(pose, place), noise)
         codes = {
             "feature_class": int(seen.feature_class[detection]),
             "sign": int(seen.sign[detection]),

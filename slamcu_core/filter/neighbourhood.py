@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from slamcu_core.evidence import support
 from slamcu_core.filter.archive import FoundArchive, MapLedger
+from slamcu_core.filter.ekf import turned
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
 from slamcu_core.geometry import LocalFrame
@@ -90,7 +91,7 @@ class Neighbourhood:
         )
         table.source[row] = index
         table.xy[row] = place
-        table.covariance[row] = np.eye(2) * feature.position_std_m**2
+        table.covariance[row] = feature.position_std_m**2 * np.array([1.0, 0.0, 1.0])
         self.ledger.restore(table, row)
         return row
 
@@ -114,7 +115,7 @@ class Neighbourhood:
             slot = self.free_slot(particles)
             if slot is not None:
                 particles.means[:, slot] = table.xy[row][:, None]
-                particles.covariances[:, :, slot] = table.covariance[row][..., None]
+                particles.covariances[:, slot] = table.covariance[row][:, None]
                 table.slot[row] = slot
         for row in own[(table.slot[own] < 0) & ~table.open[own] & (distance > self._reach + _KEEP_M)].tolist():
             self.found.put(table, row, self.frame)
@@ -149,11 +150,12 @@ class Neighbourhood:
         if particles.pending is not None:
             particles.pending = np.einsum("ij,jak->iak", swivel, particles.pending)
         particles.means = np.moveaxis(move(np.moveaxis(particles.means, 0, -1)), -1, 0).copy()
-        particles.covariances = np.einsum("ij,jkls,mk->imls", rotation, particles.covariances, rotation)
+        cos, sin = rotation[:, 0]
+        particles.covariances = turned(cos, -sin, particles.covariances)
         particles.gnss_bias = rotation @ particles.gnss_bias
         table = self._table
         table.xy[:] = move(table.xy)
-        table.covariance[:] = rotation @ table.covariance @ rotation.T
+        table.covariance[:] = turned(cos, -sin, table.covariance.T).T
         seen = table.seen_information
         has = np.linalg.det(seen) > 1e-12
         sighted = np.zeros_like(table.seen_vector)

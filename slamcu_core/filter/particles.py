@@ -26,7 +26,7 @@ class Particles:
     state: Array  # (6, M)
     log_weight: Array  # (M,), unnormalised
     means: Array  # (2, L, M) means μ of new features, m
-    covariances: Array  # (2, 2, L, M) covariances Σ of new features, m²
+    covariances: Array  # (3, L, M) xx, xy, yy of the covariances Σ of new features, m²
     gnss_bias: Array  # (2, M) mean of the satellite receiver's bias, m
     calibration: Array  # (2, M) mean range scale error and bearing bias (rad)
     pending: Array | None = None  # (3, 2, M): the pose waits for this times a standard normal (2,) to be added
@@ -50,7 +50,7 @@ class Particles:
             state=(mean + std * rng.standard_normal((count, 6))).T.copy(),
             log_weight=np.zeros(count),
             means=np.zeros((2, slots, count)),
-            covariances=np.zeros((2, 2, slots, count)),
+            covariances=np.zeros((3, slots, count)),
             gnss_bias=np.zeros((2, count)),
             calibration=np.zeros((2, count)),
         )
@@ -87,10 +87,13 @@ class Particles:
         return mean, covariance
 
     def place_covariance(self) -> Array:
-        """Return the covariance (2, 2) of the position, m²."""
+        """Return the covariance (3,) of the position, m²."""
         weights = self.weights
         delta = self.state[:2] - (self.state[:2] @ weights)[:, None]
-        return np.asarray((delta * weights) @ delta.T + self.pending_covariance(weights)[:2, :2])
+        covariance = (delta * weights) @ delta.T
+        if self.pending is not None:
+            covariance += self.pending_covariance(weights)[:2, :2]
+        return covariance.ravel()[[0, 1, 3]]
 
     def mean_pose(self, weights: Array) -> Array:
         """Return the weighted mean (3,) of the poses, headings averaged as angles."""
@@ -142,7 +145,7 @@ class Particles:
             slots = np.arange(self.means.shape[1])
         if len(slots):
             self.means[:, slots] = self.means[:, slots[:, None], index]
-            self.covariances[:, :, slots] = self.covariances[:, :, slots[:, None], index]
+            self.covariances[:, slots] = self.covariances[:, slots[:, None], index]
         self.gnss_bias = self.gnss_bias[:, index]
         self.calibration = self.calibration[:, index]
         if self.pending is not None:
@@ -150,9 +153,8 @@ class Particles:
         self.log_weight = np.zeros(len(index))
 
     def collapse(self, slot: int) -> tuple[Array, Array]:
-        """Return mean (2,) and covariance (2, 2) of one new feature over all particles: the moments of the mixture."""
+        """Return mean (2,) and covariance (3,) of one new feature over all particles: the moments of the mixture."""
         weights = self.weights
         mean = self.means[:, slot] @ weights
-        spread = self.means[:, slot] - mean[:, None]
-        covariance = self.covariances[:, :, slot] @ weights
-        return mean, covariance + (spread * weights) @ spread.T
+        x, y = self.means[:, slot] - mean[:, None]
+        return mean, (self.covariances[:, slot] + np.array([x * x, x * y, y * y])) @ weights

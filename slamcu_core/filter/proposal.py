@@ -10,9 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.filter.ekf import apply, inverse_2x2, mahalanobis_square, product, transpose
+from slamcu_core.filter.ekf import apply, inverse, mahalanobis_square, product, transpose
 from slamcu_core.filter.particles import Particles
-from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]
 
@@ -25,28 +24,14 @@ def noise_jacobian(by_pose: Array, pending: Array) -> Array:
     return product(by_pose, pending[:, :, None])
 
 
-def may_pay(pending: Array, distance: Array, noise: Array, model: SensorModel) -> bool:
-    """Return whether `pays` could say yes, from bounds that cost next to nothing.
+def pays(spread: Array, variance: Array) -> bool:
+    """Return whether conditioning is worth its time: the pending noise shows in the measurements at all.
 
-    `pending` (3, 3) is the mean covariance of the pending noise; the place's adds at most its trace to the variance of
-    a range and trace/r² to that of a bearing, the heading's at most r² σ² and σ², and both together twice as much.
-    `noise` (2, A) is less than the innovations' covariance.
+    `spread` (2, A) is the variance that the pending noise gives the measurements, `variance` (2, A) that of the
+    innovations without it.
     """
-    place, heading = 2.0 * float(pending[0, 0] + pending[1, 1]), 2.0 * float(pending[2, 2])
-    if not model.has_bearing:
-        return True
-    reach = np.maximum(distance, 1.0)
-    bounds = place / noise[0].min(), ((heading + place / (reach * reach)) / noise[1]).max()
-    return bool(max(bounds) > 0.05)
-
-
-def pays(by_noise: Array, variance: Array) -> bool:
-    """Return whether conditioning is worth its time: the pending noise shows in the measurement at all.
-
-    `variance` (2, A, M) is that of the innovations, without the pending noise; `by_noise` is (2, 2, A, M).
-    """
-    spread = np.sum(by_noise**2, axis=1)
-    return bool((spread / variance).mean(axis=(1, 2)).max() > 0.1)
+    shares = np.add.reduce(spread / variance, axis=1) / spread.shape[1]
+    return bool(shares.max() > 0.1)
 
 
 def condition(
@@ -64,7 +49,7 @@ def condition(
     ----------
     by_noise : (2, 2, A, M) Jacobian with respect to the pending noise.
     innovation : (2, A, M) z - ẑ at the predicted pose.
-    covariance : (2, 2, A, M) of the innovations, without the pending noise.
+    covariance : (3, A, M) of the innovations, without the pending noise.
     gate : chi-square threshold beyond which a particle takes a measurement as somebody else's.
 
     Returns
@@ -81,10 +66,11 @@ def condition(
         h = by_noise[:, :, index]
         nu = innovation[:, index] - apply(h, mean)
         across = product(spread, transpose(h))
-        q = product(h, across) + covariance[:, :, index]
+        (q00, q01), (_, q11) = product(h, across)
+        q = q00 + covariance[0, index], q01 + covariance[1, index], q11 + covariance[2, index]
         square, determinant = mahalanobis_square(nu, q)
         log_likelihood[index] = -0.5 * square - np.log(2.0 * np.pi) - 0.5 * np.log(determinant)
-        gain = product(across, inverse_2x2(q)[0]) * (square < gate)
+        gain = product(across, _full(inverse(q))) * (square < gate)
         mean = mean + apply(gain, nu)
         spread = spread - product(gain, transpose(across))
     draw = rng.standard_normal((count, 2)).T
@@ -96,3 +82,9 @@ def condition(
     particles.state[:3] += apply(particles.pending, mean)
     particles.pending = None
     return log_likelihood
+
+
+def _full(matrix: Array) -> Array:
+    """Return symmetric matrices (3, ...) as (2, 2, ...)."""
+    xx, xy, yy = matrix
+    return np.array([[xx, xy], [xy, yy]])

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.filter.frame_update import Seen
+from slamcu_core.filter.view import Seen
 from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from slamcu_core.filter import existence
 from slamcu_core.filter.beliefs import Beliefs
 from slamcu_core.filter.calibration import GnssBias, SensorCalibration
 from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
-from slamcu_core.filter.frame_update import FrameUpdate, Seen, View, read_detections
+from slamcu_core.filter.frame_update import FrameUpdate
 from slamcu_core.filter.health import HealthMonitor
 from slamcu_core.filter.map_management import Instant, MapManagement
 from slamcu_core.filter.neighbourhood import Neighbourhood
@@ -29,6 +29,7 @@ from slamcu_core.filter.relocation import Memory, Motion, Sightings, agreement, 
 from slamcu_core.filter.resampling import resample
 from slamcu_core.filter.riders import Riders
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
+from slamcu_core.filter.view import Seen, View, read_detections
 from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass, wrap_angle
 from slamcu_core.hd_map import HDMap
 from slamcu_core.models import SensorModel, advance, yaw_rate_from_steering
@@ -261,11 +262,10 @@ class SlamcuFilter:
             found=int((kind == Kind.MAP).sum()),
             share=now.share,
         )
-        update.weigh(view, seen, (detections[usable], matched[usable]), now.share, self._rng)
+        matches = update.weigh(view, seen, (detections, matched), usable, share=now.share, rng=self._rng)
         if len(rows):
-            matches = update.match(view, seen, detections, matched)
-            update.calibrate(matches[usable & (kind != Kind.NEW)], now.share)
-            update.update_new(matches[kind == Kind.NEW], now.share)
+            update.calibrate(matches, usable, now.share)
+            update.update_new(matches, now.share)
             table.looks_hit[rows] += now.share
         management.forget_refuted(view.rows)
         for alone in (columns < 0).nonzero()[0].tolist():

@@ -28,7 +28,7 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     "sign": (np.intp, ()),  # code of the sign type; 0: not known
     "value": (np.intp, ()),
     "xy": (np.float64, (2,)),  # m, in the filter's frame
-    "covariance": (np.float64, (2, 2)),  # m²
+    "covariance": (np.float64, (3,)),  # m²; xx, xy, yy
     "prior": (np.float64, ()),  # weight of eq. 3
     "weight_for": (np.float64, ()),  # evidence of the whole drive, without the prior
     "weight_against": (np.float64, ()),

@@ -13,19 +13,23 @@ Array = NDArray[np.float64]
 
 
 def gaussian_log_likelihood(innovation: Array, covariance: Array) -> Array:
-    """Return ln N(ν; 0, Q) for innovations (2, ...) with covariances (2, 2, ...): eq. 17 and 18 with -½."""
+    """Return ln N(ν; 0, Q) for innovations (2, ...) with covariances (3, ...): eq. 17 and 18 with -½."""
     square, determinant = mahalanobis_square(innovation, covariance)
-    return np.asarray(-0.5 * (square + np.log((2.0 * np.pi) ** 2 * determinant)))
+    determinant *= (2.0 * np.pi) ** 2
+    square += np.log(determinant)
+    return np.asarray(-0.5 * square)
 
 
 def robust_log_likelihood(log_likelihood: Array, log_clutter: float, outlier_share: float) -> Array:
     """Mix a likelihood with the clutter density, so that one wrong association cannot kill the true particles."""
     if outlier_share == 0.0:
         return log_likelihood
-    inlier = log_likelihood + math.log1p(-outlier_share)
     floor = math.log(outlier_share) + log_clutter
-    # ln(exp(inlier) + exp(floor)); numpy's logaddexp is several times slower
-    return np.asarray(np.maximum(inlier, floor) + np.log1p(np.exp(-np.abs(inlier - floor))))
+    above = log_likelihood + (math.log1p(-outlier_share) - floor)
+    # ln(exp(inlier) + exp(floor)); numpy's logaddexp and log1p are several times slower
+    rest = np.exp(-np.abs(above))
+    rest += 1.0
+    return np.asarray(np.maximum(above, 0.0) + np.log(rest) + floor)
 
 
 def combine(log_weight: Array, log_likelihoods: Array, temper: float) -> Array:

@@ -17,6 +17,13 @@ def wrap_angle(angle: Angle) -> Angle:
     return wrapped
 
 
+def wrap_in_place(angle: NDArray[np.float64]) -> None:
+    """Wrap an array of angles into [-pi, pi], radians."""
+    turns = np.rint(angle * (0.5 / np.pi))
+    turns *= 2.0 * np.pi
+    angle -= turns
+
+
 def compass_to_math(heading_deg: float) -> float:
     """Turn a compass heading (degrees clockwise from north) into radians counter-clockwise from east."""
     return float(wrap_angle(np.deg2rad(90.0 - heading_deg)))

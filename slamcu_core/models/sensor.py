@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from slamcu_core.drive import Detection, Sensor, SensorKind
 from slamcu_core.errors import SlamcuError
-from slamcu_core.geometry import wrap_angle
+from slamcu_core.geometry import wrap_angle, wrap_in_place
 
 Array = NDArray[np.float64]
 
@@ -41,6 +41,29 @@ class Sight:
         """Return the sight of some of F points, seen from M poses: each array is (..., F, M)."""
         ahead_left = None if self.ahead_left is None else self.ahead_left[:, index]
         return Sight(self.delta[:, index], self.distance[index], self.bearing[index], ahead_left, self.pose)
+
+
+@dataclass(frozen=True, slots=True)
+class Jacobian:
+    """H = ∂h/∂m of features: a rotation into the sensor's axes, or the line of sight, and for an angle a division.
+
+    H = [[cos, sin], [-shrink · sin, shrink · cos]], with `shrink` the inverse of the distance for a bearing, else 1.
+    """
+
+    cos: Array
+    sin: Array
+    shrink: Array | float
+
+    @property
+    def matrix(self) -> Array:
+        """H, shape (2, 2, ...)."""
+        return np.array([[self.cos, self.sin], [-self.shrink * self.sin, self.shrink * self.cos]])
+
+    def __getitem__(self, index: NDArray[np.intp] | slice) -> Jacobian:
+        """Return the Jacobians of some of F features, seen from M poses."""
+        if isinstance(self.shrink, float):
+            return self  # of a position sensor: the same for all features
+        return Jacobian(self.cos[index], self.sin[index], self.shrink[index])
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,14 +95,21 @@ class SensorModel:
     def sight(self, pose: Array, points: Array) -> Sight:
         """Return how points look from vehicle poses."""
         place, direction = self.origin(pose)
-        delta = _difference(points, place)
-        distance = np.sqrt(delta[0] * delta[0] + delta[1] * delta[1])
-        bearing = np.arctan2(delta[1], delta[0]) - direction
+        return self.sight_along(pose, _difference(points, place), direction)
+
+    def sight_along(self, pose: Array, delta: Array, direction: Array) -> Sight:
+        """Return how points at `delta` (2, ...) from a sensor with an axis in the given direction look."""
+        squares = delta * delta
+        distance = np.add(squares[0], squares[1], out=squares[0, ...])
+        np.sqrt(distance, out=distance)
+        bearing = np.arctan2(delta[1], delta[0], out=squares[1, ...])
+        bearing -= direction
         if self.has_bearing:
             return Sight(delta, distance, bearing, None, pose)
-        cos, sin = np.cos(pose[2]), np.sin(pose[2])
-        x, y = _difference(points, pose[:2])
-        return Sight(delta, distance, bearing, np.array([x * cos + y * sin, y * cos - x * sin]), pose)
+        cos, sin, mount = np.cos(pose[2]), np.sin(pose[2]), self.sensor.mount
+        x, y = delta
+        ahead_left = np.array([x * cos + y * sin + mount.x, y * cos - x * sin + mount.y])
+        return Sight(delta, distance, bearing, ahead_left, pose)
 
     def predict(self, pose: Array, points: Array) -> Array:
         """Return the measurements h(x, m), shape (2, ...), of points from vehicle poses."""
@@ -88,27 +118,24 @@ class SensorModel:
             measurement[1] = wrap_angle(measurement[1])
         return measurement
 
-    def by_feature(self, sight: Sight) -> Array:
-        """Return H = ∂h/∂m, shape (2, 2, ...): the Jacobian with respect to the feature (errata to eq. 16)."""
-        h = np.empty((2, *sight.delta.shape))
+    def by_feature(self, sight: Sight) -> Jacobian:
+        """Return H = ∂h/∂m: the Jacobian with respect to the feature (errata to eq. 16)."""
         if not self.has_bearing:
-            cos, sin = np.cos(sight.pose[2]), np.sin(sight.pose[2])
-            h[0, 0], h[0, 1], h[1, 0], h[1, 1] = cos, sin, -sin, cos
-            return h
-        distance = np.maximum(sight.distance, 1e-3)
-        np.divide(sight.delta, distance, out=h[0])
-        np.divide(h[0, 0], distance, out=h[1, 1, ...])
-        np.divide(h[0, 1], -distance, out=h[1, 0, ...])
-        return h
+            return Jacobian(np.cos(sight.pose[2]), np.sin(sight.pose[2]), 1.0)
+        shrink = 1.0 / np.maximum(sight.distance, 1e-3)
+        cos, sin = sight.delta * shrink
+        return Jacobian(cos, sin, shrink)
 
-    def feature_jacobian(self, pose: Array, points: Array) -> Array:
-        """Return H = ∂h/∂m, shape (2, 2, ...), at points seen from vehicle poses."""
+    def feature_jacobian(self, pose: Array, points: Array) -> Jacobian:
+        """Return H = ∂h/∂m at points seen from vehicle poses."""
         return self.by_feature(self.sight(pose, points))
 
-    def by_pose(self, sight: Sight, by_feature: Array) -> Array:
+    def by_pose(self, sight: Sight, by_feature: Jacobian) -> Array:
         """Return ∂h/∂x, shape (2, 3, ...): the Jacobian with respect to the vehicle's x, y and heading."""
         h = np.empty((2, 3, *sight.distance.shape))
-        np.negative(by_feature, out=h[:, :2])
+        cos, sin, shrink = by_feature.cos, by_feature.sin, by_feature.shrink
+        h[0, 0], h[0, 1] = -cos, -sin
+        h[1, 0], h[1, 1] = shrink * sin, -shrink * cos
         if not self.has_bearing:
             h[0, 2], h[1, 2] = sight.measurement[1], -sight.measurement[0]
             return h
@@ -117,7 +144,7 @@ class SensorModel:
         if mount.x or mount.y:
             cos, sin = np.cos(sight.pose[2]), np.sin(sight.pose[2])
             swing = -sin * mount.x - cos * mount.y, cos * mount.x - sin * mount.y
-            h[:, 2] -= by_feature[:, 0] * swing[0] + by_feature[:, 1] * swing[1]
+            h[:, 2] += h[:, 0] * swing[0] + h[:, 1] * swing[1]
         return h
 
     def invert(self, pose: Array, measurement: Array) -> Array:
@@ -160,7 +187,7 @@ class SensorModel:
         """Return z - ẑ, shape (2, ...), with the bearing wrapped."""
         nu = measurement - predicted
         if self.has_bearing:
-            nu[1] = wrap_angle(nu[1])
+            wrap_in_place(nu[1, ...])
         return nu
 
     def measurement(self, detection: Detection) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,10 +21,14 @@ def visibility_probability(sensor: Sensor, distance: Array, bearing: Array, weig
 
     Parameters
     ----------
-    distance, bearing : true range (m) and bearing (rad) of each feature from each particle's sensor, (F, M).
+    distance, bearing : true range (m) and bearing (rad, within ±2π) of each feature from each particle, (F, M).
     weights : normalised weights of the particles, (M,).
     """
-    inside = np.abs(bearing) <= np.deg2rad(sensor.fov_deg) / 2.0
+    half = math.radians(sensor.fov_deg) / 2.0
+    aside = np.abs(bearing)
+    inside = aside <= half
+    if half > 0.5 * math.pi:
+        inside |= aside >= 2.0 * math.pi - half
     inside &= distance >= sensor.min_range_m
     inside &= distance <= sensor.max_range_m
     return np.asarray(inside @ weights)

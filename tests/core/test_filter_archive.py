@@ -65,7 +65,7 @@ def test_features_left_behind_free_their_rows_and_keep_their_class_and_masses() 
 
 def _find(table: FeatureTable, x: float, y: float) -> int:
     row = table.add(Kind.NEW, feature_class=1, sign=2, value=3)
-    table.xy[row], table.covariance[row] = (x, y), ((0.3, 0.1), (0.1, 0.2))
+    table.xy[row], table.covariance[row] = (x, y), (0.3, 0.1, 0.2)
     table.view_weight[row] = 4.0
     table.view_from[row] = 4.0 * np.array([x - 40.0, 0.0])
     table.weight_for[row], table.passes[row], table.reported[row] = 5.0, 2, True

@@ -16,7 +16,7 @@ from slamcu_core.filter.assignment import assign
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.resampling import resample, systematic
 from slamcu_core.filter.weighting import combine, gaussian_log_likelihood, robust_log_likelihood
-from slamcu_core.models import MotionNoise, SensorModel
+from slamcu_core.models import Jacobian, MotionNoise, SensorModel
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -26,25 +26,51 @@ def _covariance(rng: np.random.Generator) -> np.ndarray:
     return root @ root.T + 0.05 * np.eye(2)
 
 
+def _components(matrix: np.ndarray) -> np.ndarray:
+    return np.array([matrix[0, 0], matrix[0, 1], matrix[1, 1]])
+
+
+def _jacobian(rng: np.random.Generator) -> Jacobian:
+    angle = rng.uniform(-np.pi, np.pi)
+    return Jacobian(np.cos(angle), np.sin(angle), 1.0 / rng.uniform(0.5, 5.0))
+
+
 @given(SEEDS)
 def test_the_update_of_eq_16_is_bayes_rule_for_gaussians(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    covariance, jacobian, noise = _covariance(rng), rng.normal(size=(2, 2)), rng.uniform(0.1, 2.0, 2)
+    covariance, jacobian, noise = _covariance(rng), _jacobian(rng), rng.uniform(0.1, 2.0, 2)
     mean, innovation = rng.normal(size=2), rng.normal(size=2)
-    moved, spread = ekf.update(mean, covariance, jacobian, innovation, noise)
-    information = np.linalg.inv(covariance) + jacobian.T @ np.diag(1 / noise) @ jacobian
-    np.testing.assert_allclose(spread, np.linalg.inv(information), rtol=1e-6, atol=1e-9)
-    expected = mean + np.linalg.solve(information, jacobian.T @ (innovation / noise))
+    moved, spread = ekf.update(mean, _components(covariance), jacobian, innovation, noise)
+    h = jacobian.matrix
+    information = np.linalg.inv(covariance) + h.T @ np.diag(1 / noise) @ h
+    np.testing.assert_allclose(spread, _components(np.linalg.inv(information)), rtol=1e-6, atol=1e-9)
+    expected = mean + np.linalg.solve(information, h.T @ (innovation / noise))
     np.testing.assert_allclose(moved, expected, rtol=1e-6, atol=1e-9)
 
 
 def test_covariances_stay_positive_definite_over_ten_thousand_updates() -> None:
     model, pose = SensorModel(Sensor("camera", bearing_std_rad=1e-4)), np.array([0.0, 0.0, 0.1])
-    mean, covariance = np.array([40.0, 3.0]), 100.0 * np.eye(2)
+    mean, covariance = np.array([40.0, 3.0]), np.array([100.0, 0.0, 100.0])
     for _ in range(10_000):
         h = model.feature_jacobian(pose, mean)
         mean, covariance = ekf.update(mean, covariance, h, np.zeros(2), model.noise(model.predict(pose, mean)))
-    assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
+    assert np.all(np.linalg.eigvalsh(covariance[[0, 1, 1, 2]].reshape(2, 2)) > 0.0)
+
+
+@given(SEEDS)
+def test_closed_forms_are_the_products_of_matrices(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    covariance, jacobian, noise = _covariance(rng), _jacobian(rng), rng.uniform(0.1, 2.0, 2)
+    h, small = jacobian.matrix, _components(covariance)
+    q = h @ covariance @ h.T + np.diag(noise)
+    np.testing.assert_allclose(ekf.innovation_covariance(jacobian, small, noise), _components(q), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(ekf.inverse(small), _components(np.linalg.inv(covariance)), rtol=1e-9, atol=1e-12)
+    born = np.linalg.inv(h) @ np.diag(noise) @ np.linalg.inv(h).T
+    np.testing.assert_allclose(ekf.birth_covariance(jacobian, noise), _components(born), rtol=1e-9, atol=1e-9)
+    nu = rng.normal(size=2)
+    square, determinant = ekf.mahalanobis_square(nu, small)
+    np.testing.assert_allclose(square, nu @ np.linalg.solve(covariance, nu), rtol=1e-9)
+    np.testing.assert_allclose(determinant, np.linalg.det(covariance), rtol=1e-9)
 
 
 @given(SEEDS)
@@ -52,7 +78,7 @@ def test_the_likelihoods_of_eq_17_and_18_are_normalised_gaussians(seed: int) -> 
     rng = np.random.default_rng(seed)
     covariance, innovation = _covariance(rng), rng.normal(size=2)
     expected = multivariate_normal(np.zeros(2), covariance).logpdf(innovation)
-    assert gaussian_log_likelihood(innovation, covariance) == pytest.approx(expected, rel=1e-9)
+    assert gaussian_log_likelihood(innovation, _components(covariance)) == pytest.approx(expected, rel=1e-9)
 
 
 def test_weights_multiply_over_all_measurements_and_an_outlier_is_floored() -> None:

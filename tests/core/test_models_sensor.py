@@ -40,7 +40,7 @@ def test_the_feature_jacobian_is_the_derivative_of_the_measurement(
         ],
         axis=-1,
     )
-    np.testing.assert_allclose(model.feature_jacobian(pose, point), numerical, atol=1e-6)
+    np.testing.assert_allclose(model.feature_jacobian(pose, point).matrix, numerical, atol=1e-6)
 
 
 @given(KINDS, POSES, AHEAD)

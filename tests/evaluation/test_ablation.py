@@ -20,7 +20,7 @@ from slamcu_eval.score import Score
 SHORT = HighwayParameters().having(length_m=1_200.0, normal=4, deleted=2, new=3, encounter_interval_s=8.0)
 # On a simulated motorway, and in so short a drive, these need not change anything.
 MAY_CHANGE_NOTHING = {"motion_prior", "greedy_association", "deleted_weigh", "moving_signs", "no_jitter"}
-MAY_CHANGE_NOTHING |= {"no_riders", "no_recovery"}
+MAY_CHANGE_NOTHING |= {"no_riders", "no_recovery", "per_particle_association"}
 
 
 def _part(where: str, name: str) -> object:

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from slamcu_core.errors import SlamcuError
 from slamcu_core.filter import existence
-from slamcu_core.filter.frame_update import FrameUpdate, Seen, View
+from slamcu_core.filter.frame_update import FrameUpdate, Matches
 from slamcu_core.filter.table import Kind
+from slamcu_core.filter.view import Seen, View
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -108,20 +109,19 @@ def no_way_back(*_arguments: object) -> tuple[None, int, int]:
 class WeighsDeleted(FrameUpdate):
     """A frame update in which every associated map feature weighs the particles, Deleted or not."""
 
-    def pre_associate(self, view: View, seen: Seen) -> tuple[Index, Array]:
-        """Associate, and remember what went with features of the map."""
-        columns, squares = super().pre_associate(view, seen)
-        mapped = np.append(self.table.kind[view.rows] == Kind.MAP, False)[columns]
-        object.__setattr__(self, "mapped", (np.flatnonzero(mapped), columns[mapped]))
-        return columns, squares
-
     def weigh(
-        self, view: View, seen: Seen, matched: tuple[Index, Index], share: float, rng: np.random.Generator
-    ) -> None:
-        """Weigh by the given matches and by all those with features of the map."""
-        mapped: tuple[Index, Index] = self.mapped  # type: ignore[attr-defined]  # set by pre_associate
-        detections, first = np.unique(np.concatenate([matched[0], mapped[0]]), return_index=True)
-        super().weigh(view, seen, (detections, np.concatenate([matched[1], mapped[1]])[first]), share, rng)
+        self,
+        view: View,
+        seen: Seen,
+        matched: tuple[Index, Index],
+        usable: NDArray[np.bool_],
+        *,
+        share: float,
+        rng: np.random.Generator,
+    ) -> Matches:
+        """Weigh by the usable matches and by all those with features of the map."""
+        usable = usable | (self.table.kind[view.rows[matched[1]]] == Kind.MAP)
+        return super().weigh(view, seen, matched, usable, share=share, rng=rng)
 
 
 def weighs_as_normal(table: Any, rows: Index) -> NDArray[np.bool_]:

@@ -43,7 +43,7 @@ _ALL = (
         "a miss counts the full λ (eq. 2 as printed), not λ · P(visible) · P_D",
         swaps=(
             (f"{CORE}.existence", "detectability", parts.certain_detection),
-            (f"{CORE}.frame_update", "visibility_probability", parts.whole_visibility),
+            (f"{CORE}.view", "visibility_probability", parts.whole_visibility),
         ),
     ),
     Variant(
@@ -54,7 +54,7 @@ _ALL = (
     Variant(
         "no_occlusion",
         "trucks hide nothing",
-        swaps=((f"{CORE}.frame_update", "occlusion_probability", parts.nothing_hides),),
+        swaps=((f"{CORE}.view", "occlusion_probability", parts.nothing_hides),),
         on_robots=False,
     ),
     Variant(

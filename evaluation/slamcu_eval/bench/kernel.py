@@ -28,11 +28,12 @@ def step_input(particles: int, known: int, new: int, rng: np.random.Generator) -
     measured = np.array([distance, bearing]) + np.sqrt(noise) * rng.standard_normal((2, known + new))
     root = rng.normal(0.0, 0.5, (2, 2, new, particles))
     spread = np.einsum("ijfk,ljfk->ilfk", root, root) + 0.05 * np.eye(2)[:, :, None, None]
+    spread = np.array([spread[0, 0], spread[0, 1], spread[1, 1]])
     return StepInput(
         pose=pose,
         log_weight=np.log(rng.uniform(0.2, 1.0, particles)),
         map_place=places[:, :known],
-        map_covariance=np.repeat(0.15**2 * np.eye(2)[:, :, None], known, axis=2),
+        map_covariance=np.repeat(0.15**2 * np.array([[1.0], [0.0], [1.0]]), known, axis=1),
         map_measured=measured[:, :known],
         means=places[:, known:, None] + 0.3 * rng.standard_normal((2, new, particles)),
         covariances=spread,

@@ -26,10 +26,10 @@ class StepInput:
     pose: Array  # (3, M)
     log_weight: Array  # (M,)
     map_place: Array  # (2, A) m
-    map_covariance: Array  # (2, 2, A) m²
+    map_covariance: Array  # (3, A) xx, xy, yy, m²
     map_measured: Array  # (2, A) m, rad
     means: Array  # (2, B, M) of the new features in each particle, m
-    covariances: Array  # (2, 2, B, M) m²
+    covariances: Array  # (3, B, M) m²
     new_measured: Array  # (2, B) m, rad
     map_noise: Array  # (2, A) variances of R
     new_noise: Array  # (2, B)
@@ -40,7 +40,7 @@ class StepInput:
 
 @dataclass(frozen=True, slots=True)
 class StepOutput:
-    """Weights (M,), and new features (2, B, M) and (2, 2, B, M), after the frame."""
+    """Weights (M,), and new features (2, B, M) and (3, B, M), after the frame."""
 
     log_weight: Array
     means: Array
@@ -50,8 +50,8 @@ class StepOutput:
 def numpy_step(model: SensorModel, step: StepInput) -> StepOutput:
     """Do eq. 16-19 by the filter's own operations on arrays."""
     points = np.concatenate([np.repeat(step.map_place[:, :, None], len(step.log_weight), axis=2), step.means], axis=1)
-    known = np.repeat(step.map_covariance[..., None], len(step.log_weight), axis=3)
-    covariances = np.concatenate([known, step.covariances], axis=2)
+    known = np.repeat(step.map_covariance[..., None], len(step.log_weight), axis=2)
+    covariances = np.concatenate([known, step.covariances], axis=1)
     measured = np.concatenate([step.map_measured, step.new_measured], axis=1)[:, :, None]
     noise = np.concatenate([step.map_noise, step.new_noise], axis=1)[:, :, None]
     sight = model.sight(step.pose, points)
@@ -63,7 +63,7 @@ def numpy_step(model: SensorModel, step: StepInput) -> StepOutput:
     )
     new = slice(step.map_place.shape[1], None)
     means, spread = ekf.update(
-        step.means, step.covariances, jacobian[:, :, new], innovation[:, new], noise[:, new] / step.temper
+        step.means, step.covariances, jacobian[new], innovation[:, new], noise[:, new] / step.temper
     )
     return StepOutput(weighting.combine(step.log_weight, likelihood, step.temper), means, spread)
 
@@ -76,14 +76,14 @@ def peer_step(step: StepInput) -> StepOutput:
         total = 0.0
         for i in range(step.map_place.shape[1]):  # eq. 17
             place = float(step.map_place[0, i]), float(step.map_place[1, i])
-            spread = _symmetric(step.map_covariance[:, :, i])
+            spread = _symmetric(step.map_covariance[:, i])
             seen = float(step.map_measured[0, i]), float(step.map_measured[1, i])
             noise = float(step.map_noise[0, i]), float(step.map_noise[1, i])
             _, nu, q = _innovate((x, y, heading), place, spread, seen, noise)
             total += _robust(_log_gaussian(nu, q), step.log_clutter, step.outlier_share)
         for i in range(step.means.shape[1]):  # eq. 18, then 16
             place = float(step.means[0, i, k]), float(step.means[1, i, k])
-            spread = _symmetric(step.covariances[:, :, i, k])
+            spread = _symmetric(step.covariances[:, i, k])
             seen = float(step.new_measured[0, i]), float(step.new_measured[1, i])
             noise = float(step.new_noise[0, i]), float(step.new_noise[1, i])
             _, nu, q = _innovate((x, y, heading), place, spread, seen, noise)
@@ -92,7 +92,7 @@ def peer_step(step: StepInput) -> StepOutput:
             h, nu, q = _innovate((x, y, heading), place, spread, seen, tempered)
             moved, after = _kalman(place, spread, h, nu, q)
             means[:, i, k] = moved
-            covariances[:, :, i, k] = ((after[0], after[1]), (after[1], after[2]))
+            covariances[:, i, k] = after
         log_weight[k] += step.temper * total  # eq. 19
     return StepOutput(log_weight, means, covariances)
 
@@ -102,7 +102,7 @@ Symmetric = tuple[float, float, float]  # xx, xy, yy
 
 
 def _symmetric(matrix: Array) -> Symmetric:
-    return float(matrix[0, 0]), float(matrix[0, 1]), float(matrix[1, 1])
+    return float(matrix[0]), float(matrix[1]), float(matrix[2])
 
 
 def _innovate(
