@@ -19,10 +19,22 @@ class GnssBias:
     Given a particle's path the bias is Gaussian; its variance is the same for all particles.
     """
 
-    def __init__(self, parameters: FilterParameters) -> None:
+    def __init__(self, parameters: FilterParameters, start_std: float) -> None:
         self._parameters = parameters
+        self._start_variance = start_std**2
         self._variance: float | None = None
         self._time = 0.0
+
+    def _begin(self, particles: Particles, stationary: float) -> float:
+        """Set out from what the start says of the bias, in place, and return the bias's variance.
+
+        Where a drive starts is mostly known from the same receiver, with the same bias: the first fixes then tell
+        nothing that the start did not. So the start's error and the bias are taken to share all that they can.
+        """
+        shared = min(self._start_variance, stationary)
+        share = shared / self._start_variance if self._start_variance > 0.0 else 0.0
+        particles.gnss_bias *= share
+        return stationary - share * shared
 
     def update(self, particles: Particles, t: float, fix: Array, std_m: float) -> None:
         """Weigh particles by a fix (2,) in metres with standard deviation `std_m` and update their biases, in place.
@@ -32,7 +44,7 @@ class GnssBias:
         white = (self._parameters.gnss_white_share * std_m) ** 2
         stationary = std_m**2 - white
         if self._variance is None:
-            self._variance = stationary
+            self._variance = self._begin(particles, stationary)
         else:
             keep = np.exp(-(t - self._time) / max(self._parameters.gnss_correlation_s, 1e-3))
             particles.gnss_bias *= keep

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 _LN_2 = float(np.log(2.0))
 _SCALE_ERROR = 0.06  # of our own speed; how fast a still sign may seem to move for errors of range
 _SLOWEST_MOVER = 0.5  # of our own speed; what moves along with traffic moves at least so fast
-_PERSISTENCE = 0.6  # of the sensor's P_D; a find detected more rarely than this is not one thing
+_PERSISTENCE = 0.35  # of the sensor's P_D; one real pass in fifty falls below, for misses come in bursts
 
 
 class State(StrEnum):

@@ -21,7 +21,7 @@ class FilterParameters:
     miss_confidence: float = 0.9  # λ of eq. 2, before P(visible) and P_D (errata)
     gate: float = 13.8  # chi-square with 2 degrees of freedom at 99.9 %, on the innovation (section 4.3.1)
     resample_fraction: float = 0.5  # α of eq. 20
-    jitter: float = 0.2  # kernel width of regularised resampling, in standard deviations of the particle cloud
+    jitter: float = 0.6  # kernel width of regularised resampling, in standard deviations of the cloud: Silverman's rule
     outlier_share: float = 0.02  # share of accepted associations that are wrong: floors eq. 17 and 18
     detection_concentration: float = 4.0  # looks; weight of the sensor's nominal P_D within one pass
     correlation_time_s: float = 0.3  # frames closer than this share their errors and are tempered (errata to 6.2)

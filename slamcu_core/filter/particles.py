@@ -46,12 +46,13 @@ class Particles:
         """Draw particles around the origin of the local frame with the given heading (rad)."""
         mean = np.array([0.0, 0.0, heading, 1.0, 1.0, 0.0])
         std = np.concatenate([[position_std, position_std, heading_std], noise.constants_std])
+        state = (mean + std * rng.standard_normal((count, 6))).T.copy()
         return cls(
-            state=(mean + std * rng.standard_normal((count, 6))).T.copy(),
+            state=state,
             log_weight=np.zeros(count),
             means=np.zeros((2, slots, count)),
             covariances=np.zeros((3, slots, count)),
-            gnss_bias=np.zeros((2, count)),
+            gnss_bias=-state[:2],  # what the start has wrong; see `GnssBias`
             calibration=np.zeros((2, count)),
         )
 

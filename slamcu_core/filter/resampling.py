@@ -26,17 +26,50 @@ def resample(particles: Particles, fraction: float, jitter: float, rng: np.rando
     """Resample in place if M_eff < α M (eq. 20); return whether it was done.
 
     Copies are spread again by a Gaussian kernel of `jitter` standard deviations of the cloud after shrinking the
-    cloud towards its mean by sqrt(1 - jitter²), which keeps mean and covariance (Liu and West 2001).
+    cloud towards its mean by sqrt(1 - jitter²), which keeps mean and covariance (Liu and West 2001). What a particle
+    holds as Gaussians given its path moves along.
     """
     if particles.effective >= fraction * len(particles):
         return False
+    weights = particles.weights
     mean, covariance = particles.mean_state()
-    particles.select(systematic(particles.weights, rng))
-    if jitter > 0.0:
+    std = np.sqrt(np.maximum(covariance.diagonal(), 1e-30))
+    correlation = covariance / np.outer(std, std) + 1e-9 * np.eye(len(std))
+    follows = _regression(particles, weights, mean, correlation, std) if jitter > 0.0 else None
+    particles.select(systematic(weights, rng))
+    if follows is not None:
         delta = particles.state - mean[:, None]
         delta[2] = wrap_angle(delta[2])
-        values, vectors = np.linalg.eigh(covariance)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        noise = root @ rng.standard_normal((len(particles), len(mean))).T
-        particles.state = mean[:, None] + np.sqrt(1.0 - jitter**2) * delta + jitter * noise
+        # by Cholesky's root: the signs of eigenvectors are rounding's to choose
+        noise = np.linalg.cholesky(correlation) @ rng.standard_normal(delta.shape) * std[:, None]
+        shift = (np.sqrt(1.0 - jitter**2) - 1.0) * delta + jitter * noise
+        particles.state += shift
+        _follow(particles, follows @ shift)
     return True
+
+
+def _regression(particles: Particles, weights: Array, mean: Array, correlation: Array, std: Array) -> Array:
+    """Return how what hangs on the path follows the sampled state in the cloud, (K, 6).
+
+    A heading and the bearing bias make up for each other, as do a place and the satellite receiver's bias or a find's
+    place: a copy that is moved without them would contradict what its ancestor has learnt.
+    """
+    hanging = _hanging(particles)
+    state = particles.state - mean[:, None]
+    state[2] = wrap_angle(state[2])
+    state /= std[:, None]
+    cross = (state * weights) @ (hanging - (hanging @ weights)[:, None]).T
+    return np.asarray(np.linalg.solve(correlation, cross).T / std)
+
+
+def _hanging(particles: Particles) -> Array:
+    """Return the means (K, M) of what is Gaussian given a particle's path."""
+    means = particles.means.reshape(-1, len(particles))
+    return np.concatenate([particles.gnss_bias, particles.calibration, means])
+
+
+def _follow(particles: Particles, shift: Array) -> None:
+    """Shift what `_hanging` returns by (K, M), in place."""
+    particles.gnss_bias += shift[:2]
+    particles.calibration += shift[2:4]
+    particles.means += shift[4:].reshape(particles.means.shape)

@@ -102,7 +102,7 @@ class SlamcuFilter:
             kept_finds=self.parameters.kept_finds,
         )
         self._reporter = PassReporter(self._table, hd_map, header.start_time, self._names)
-        self._gnss = GnssBias(self.parameters)
+        self._gnss = GnssBias(self.parameters, start.position_std_m)
         self._calibration = SensorCalibration(self.parameters)
         self._management = MapManagement(self._table, self._around, self._particles, self.parameters)
         self._beliefs = Beliefs(

@@ -11,11 +11,13 @@ from scipy.optimize import linear_sum_assignment
 from scipy.stats import multivariate_normal
 
 from slamcu_core.drive import Sensor
-from slamcu_core.filter import ekf
+from slamcu_core.filter import FilterParameters, ekf
 from slamcu_core.filter.assignment import assign
+from slamcu_core.filter.calibration import GnssBias
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.resampling import resample, systematic
 from slamcu_core.filter.weighting import combine, gaussian_log_likelihood, robust_log_likelihood
+from slamcu_core.geometry import wrap_angle
 from slamcu_core.models import Jacobian, MotionNoise, SensorModel
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -136,6 +138,32 @@ def test_the_jitter_keeps_mean_and_covariance_across_the_wrap_of_the_heading() -
     std = np.sqrt(np.diag(covariance))
     np.testing.assert_array_less(np.abs(after_mean - mean) / std, 0.03)
     np.testing.assert_allclose(after_covariance / np.outer(std, std), covariance / np.outer(std, std), atol=0.05)
+
+
+def test_what_hangs_on_the_path_moves_along_with_a_copy_that_is_spread() -> None:
+    rng = np.random.default_rng(3)
+    particles = _cloud(200, rng)
+    particles.gnss_bias = -particles.state[:2]  # fixes have told the sum of place and bias, and nothing else
+    particles.calibration[1] = 0.01 - particles.state[2]
+    particles.means[:, 0] = particles.state[:2] + 30.0
+    particles.log_weight = -0.5 * particles.state[0] ** 2
+    assert resample(particles, 1.0, 0.9, rng)
+    np.testing.assert_allclose(particles.state[:2] + particles.gnss_bias, 0.0, atol=1e-3)
+    np.testing.assert_allclose(wrap_angle(particles.state[2] + particles.calibration[1] - 0.01), 0.0, atol=1e-3)
+    np.testing.assert_allclose(particles.means[:, 0] - particles.state[:2], 30.0, atol=1e-3)
+
+
+@pytest.mark.parametrize(("start_std", "spread"), [(1.5, (0.85, 1.01)), (10.0, (0.1, 0.3)), (0.1, (0.9, 1.01))])
+def test_fixes_at_the_start_tell_no_more_than_the_start_did(start_std: float, spread: tuple[float, float]) -> None:
+    rng = np.random.default_rng(4)
+    particles = Particles.sample(
+        4000, 1, position_std=start_std, heading=0.0, heading_std=0.1, noise=MotionNoise(), rng=rng
+    )
+    bias = GnssBias(FilterParameters(), start_std)
+    for second in range(10):
+        bias.update(particles, float(second), np.zeros(2), 1.5)
+    low, high = spread
+    assert low < np.sqrt(particles.place_covariance()[0]) / start_std < high
 
 
 @given(SEEDS, st.integers(1, 7), st.integers(0, 8))
