@@ -21,6 +21,8 @@ COMMANDS: tuple[str, ...] = (
     "slamcu_eval.commands.paper",
     "slamcu_eval.commands.mrclam",
     "slamcu_eval.commands.ablation",
+    "slamcu_eval.commands.law",
+    "slamcu_eval.commands.fleet",
     "slamcu_eval.commands.demo",
     "slamcu_eval.commands.bench",
     "slamcu_eval.commands.plots",

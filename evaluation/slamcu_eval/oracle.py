@@ -65,15 +65,19 @@ def oracle_errors(world: World, drive: Drive, truth: ChangeState | None = Change
 
     Only signs of one kind, or of every kind if `truth` is None. Keys are indices into `World.signs`.
     """
-    sensor = drive.header.sensors[0]
-    seen = drive.sightings
-    errors = {}
+    places = oracle_places(world, drive, truth)
+    return {index: float(np.linalg.norm(xy - _truth(world, np.array([index]))[0])) for index, xy in places.items()}
+
+
+def oracle_places(world: World, drive: Drive, truth: ChangeState | None = ChangeState.NEW) -> dict[int, Array]:
+    """Return where (2,) least squares with the true poses puts each sign that a drive detected, as `oracle_errors`."""
+    sensor, seen = drive.header.sensors[0], drive.sightings
+    places = {}
     for index in np.unique(seen.source[seen.source >= 0]).tolist():
         if truth is None or world.signs[index].truth is truth:
             rows = seen.source == index
-            place = place_by_least_squares(seen.camera[rows], seen.range[rows], seen.bearing[rows], sensor)
-            errors[index] = float(np.linalg.norm(place - _truth(world, np.array([index]))[0]))
-    return errors
+            places[index] = place_by_least_squares(seen.camera[rows], seen.range[rows], seen.bearing[rows], sensor)
+    return places
 
 
 def _truth(world: World, source: NDArray[np.intp]) -> Array:

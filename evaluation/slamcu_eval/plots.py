@@ -15,15 +15,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from slamcu_eval.plot_style import BLUE, GREEN, GREY, ORANGE, Figures, axes
+from slamcu_eval.plots_cloud import fleet, law
 from slamcu_eval.score import ALWAYS
 
-# Okabe and Ito's palette, which colour-blind readers can tell apart; markers differ as well.
-BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"
 _STYLE = dict(zip(ALWAYS, ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^")), strict=True))
 _SHIFT = dict(zip(ALWAYS, (-0.12, 0.0, 0.12), strict=True))
 _DPI = 130
-
-Figures = dict[str, Any]
 
 
 def draw_all(results: dict[str, Figures], folder: Path) -> dict[str, Path]:
@@ -31,7 +29,8 @@ def draw_all(results: dict[str, Figures], folder: Path) -> dict[str, Path]:
 
     Parameters
     ----------
-    results : the JSON of commands by the name of their file: ``paper``, ``mrclam-150``, ``mrclam-600``, ``bench``.
+    results : the JSON of commands by the name of their file: ``paper``, ``mrclam-150``, ``mrclam-600``, ``bench``,
+        ``law``, ``fleet``, ``fleet-common-bias``.
 
     Returns the files by the name of the plot.
     """
@@ -47,21 +46,12 @@ def draw_all(results: dict[str, Figures], folder: Path) -> dict[str, Path]:
     return drawn
 
 
-def _axes(width: float, height: float, columns: int = 1, **options: Any) -> tuple[Figure, list[Axes]]:
-    figure, axes = plt.subplots(1, columns, figsize=(width, height), squeeze=False, layout="constrained", **options)
-    for ax in axes[0]:
-        ax.grid(visible=True, axis="y", color="0.88", linewidth=0.8)
-        ax.set_axisbelow(True)
-        ax.spines[["top", "right"]].set_visible(False)
-    return figure, list(axes[0])
-
-
 def accuracy(results: dict[str, Figures]) -> Figure | None:
     """Draw accuracy by the least range in view and by the share of the pass that traffic hid."""
     if "paper" not in results:
         return None
     curves = results["paper"]["curves"]
-    figure, (by_range, by_hidden) = _axes(10.5, 4.2, 2)
+    figure, (by_range, by_hidden) = axes(10.5, 4.2, 2)
     ranges = sorted({(p["low"], p["high"]) for kind in ALWAYS for p in curves["accuracy_by_range"][kind]})
     _accuracy_panel(by_range, curves["accuracy_by_range"], ranges, [f"{a:g}–{b:g}" for a, b in ranges])
     by_range.set_xlabel("least range at which the feature was in view, m")
@@ -107,7 +97,7 @@ def position_error(results: dict[str, Figures]) -> Figure | None:
         return None
     paper = results["paper"]
     points = [p for p in paper["curves"]["error_by_sightings"] if p["found"]]
-    figure, (ax,) = _axes(7.0, 4.2)
+    figure, (ax,) = axes(7.0, 4.2)
     x = np.arange(len(points))
     for name, label, colour, marker, shift in (
         ("error_m", "filter", BLUE, "o", -0.08),
@@ -144,7 +134,7 @@ def reliability(results: dict[str, Figures]) -> Figure | None:
         return None
     paper = results["paper"]
     points = paper["curves"]["reliability"]
-    figure, (ax, counts) = _axes(10.0, 4.4, 2)
+    figure, (ax, counts) = axes(10.0, 4.4, 2)
     ax.plot([0, 100], [0, 100], color=GREY, linestyle="--", linewidth=1.2, label="as often as believed")
     y, interval = _percent(points, "stood")
     believed = 100.0 * np.array([p["belief"] for p in points])
@@ -172,7 +162,7 @@ def step_time(results: dict[str, Figures]) -> Figure | None:
     curves = results.get("bench", {}).get("curves")
     if not curves:
         return None
-    figure, (by_map, by_drive) = _axes(10.0, 4.0, 2, sharey=True)
+    figure, (by_map, by_drive) = axes(10.0, 4.0, 2, sharey=True)
     for ax, name, label in (
         (by_map, "map_size", "features in the map"),
         (by_drive, "drive_length", "kilometres driven"),
@@ -195,7 +185,7 @@ def robots(results: dict[str, Figures]) -> Figure | None:
     names = [name for name in ("mrclam-150", "mrclam-600") if name in results]
     if not names:
         return None
-    figure, panels = _axes(max(4.6 * len(names), 6.5), 4.0, len(names), sharey=True)
+    figure, panels = axes(max(4.6 * len(names), 6.5), 4.0, len(names), sharey=True)
     for ax, name in zip(panels, names, strict=True):
         blocks = {**{f"session {key}": block for key, block in results[name]["sessions"].items()}}
         blocks["pooled"] = results[name]["pooled"]
@@ -232,4 +222,6 @@ PLOTS: dict[str, Callable[[dict[str, Figures]], Figure | None]] = {
     "reliability": reliability,
     "step-time": step_time,
     "robots": robots,
+    "law": law,
+    "fleet": fleet,
 }

@@ -6,43 +6,23 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from slamcu_client.results import result_features
 from slamcu_core.formats import ResultFeature
 from slamcu_eval.commands.score import claims_from
 from slamcu_eval.fleet import (
     Account,
     Cloud,
-    OpenDrive,
+    HighwayDrive,
     VehicleJob,
     VehicleOutcome,
     drive_fleet,
     fetch_map,
     fused_result,
 )
-from slamcu_eval.highway import HighwayParameters, World, make_drive, make_world
+from slamcu_eval.highway import HighwayParameters, World, make_world
 from slamcu_eval.highway.files import write_world
 from slamcu_eval.paper import facts_of
 from slamcu_eval.score import HIGHWAY_RADIUS_M, Claim, Fact, Score, score
-
-
-@dataclass(frozen=True, slots=True)
-class HighwayDrive:
-    """A drive along a simulated motorway, simulated in the process that drives it."""
-
-    seed: int
-    vehicle: int
-    parameters: HighwayParameters
-
-    def open(self) -> OpenDrive:
-        """Simulate the drive."""
-        drive = make_drive(make_world(self.seed, self.parameters.world), self.seed, self.vehicle, self.parameters)
-        truth = np.column_stack([drive.reference.t, drive.reference.lon, drive.reference.lat])
-        return OpenDrive(drive.header, drive.records, truth)
-
-    def __str__(self) -> str:
-        return f"car {self.vehicle + 1}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +78,8 @@ def prepare_fleet(
     jobs = []
     for vehicle, key in enumerate(cloud.create_keys("vehicle", vehicles)):
         account = Account(cloud.url, key, cloud.scratch / f"vehicle-{vehicle:03d}")
-        filter_seed = int(np.random.SeedSequence([seed, 2, vehicle]).generate_state(1)[0])
         drive = HighwayDrive(seed, vehicle, parameters)
-        jobs.append(VehicleJob(drive, filter_seed, fetch_map(account, world.name), account))
+        jobs.append(VehicleJob(drive, drive.filter_seed, fetch_map(account, world.name), account))
     return world, jobs
 
 

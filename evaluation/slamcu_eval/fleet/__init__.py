@@ -1,6 +1,7 @@
 """A fleet and its cloud: real vehicles' software in processes of their own, and a real server that they report to."""
 
 from slamcu_eval.fleet.cloud import Cloud, CloudError
+from slamcu_eval.fleet.highway import HighwayDrive
 from slamcu_eval.fleet.processes import VehicleError, drive_fleet
 from slamcu_eval.fleet.program import Program, ProgramError
 from slamcu_eval.fleet.readback import fused_result, standing_changes
@@ -19,6 +20,7 @@ __all__ = [
     "Cloud",
     "CloudError",
     "DriveSource",
+    "HighwayDrive",
     "OpenDrive",
     "Program",
     "ProgramError",

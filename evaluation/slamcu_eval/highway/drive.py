@@ -85,8 +85,18 @@ class Drive:
         return self.exposure.frames > 0
 
 
-def make_drive(world: World, seed: int, vehicle: int, parameters: HighwayParameters | None = None) -> Drive:
-    """Drive vehicle number `vehicle` along a world; equal arguments give equal drives, whatever the fleet's size."""
+def make_drive(
+    world: World,
+    seed: int,
+    vehicle: int,
+    parameters: HighwayParameters | None = None,
+    *,
+    departure: datetime | None = None,
+) -> Drive:
+    """Drive vehicle number `vehicle` along a world; equal arguments give equal drives, whatever the fleet's size.
+
+    Without a `departure` the vehicles set out 20 s after each other.
+    """
     p = parameters or HighwayParameters()
     streams = [np.random.default_rng(s) for s in np.random.SeedSequence([seed, 1, vehicle]).spawn(5)]
     path = drive_along(world, p.vehicle, streams[0])
@@ -104,7 +114,7 @@ def make_drive(world: World, seed: int, vehicle: int, parameters: HighwayParamet
     frames, looks = film(
         world, eye, axis, neighbours, errors=camera_errors, p=p.camera, traffic=p.traffic, rng=streams[3]
     )
-    started = _FIRST_START + vehicle * _START_GAP
+    started = departure or _FIRST_START + vehicle * _START_GAP
     header = DriveHeader(
         vehicle_id=f"veh-{vehicle:03d}",
         session_id=f"{world.name}-{vehicle:03d}-{started:%Y%m%dT%H%M%SZ}",

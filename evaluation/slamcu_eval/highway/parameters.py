@@ -24,7 +24,9 @@ class WorldParameters:
     normal: int = 55  # paper, table 1
     deleted: int = 9  # paper, table 1
     new: int = 39  # paper, table 1
-    moved: int = 0  # beyond the paper; a moved sign goes 5 to 25 m
+    moved: int = 0  # beyond the paper
+    moved_min_m: float = 5.0  # along the road
+    moved_max_m: float = 25.0
     modified: int = 0  # beyond the paper
     grouped_share: float = 0.35  # share of signs that stand in pairs: both sides of the road, gantries, doubled posts
     map_error_std_m: float = 0.12  # each axis; paper §2: 10 to 20 cm accuracy

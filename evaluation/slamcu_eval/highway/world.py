@@ -144,7 +144,8 @@ def _draw_history(
     now = then = _point(road, s, offset)
     old = content
     if truth is ChangeState.MOVED:
-        then = _point(road, s + rng.choice([-1.0, 1.0]) * rng.uniform(5.0, 25.0), offset + rng.normal(0.0, 0.5))
+        along = rng.choice([-1.0, 1.0]) * rng.uniform(p.moved_min_m, p.moved_max_m)
+        then = _point(road, s + along, offset + rng.normal(0.0, 0.5))
     if truth is ChangeState.MODIFIED:
         old = draw_other_sign(content, rng)
     error = rng.normal(0.0, p.map_error_std_m, 2)
