@@ -17,6 +17,7 @@ from slamcu_core.aggregation.law import (
     fades_at,
     fold,
     fold_each,
+    kept_at,
 )
 from slamcu_core.aggregation.pairing import Half, Pairing, pair
 from slamcu_core.aggregation.policy import ClassPolicy, Policy
@@ -53,5 +54,6 @@ __all__ = [
     "fold_each",
     "fold_histories",
     "fuse_positions",
+    "kept_at",
     "pair",
 ]

@@ -260,11 +260,15 @@ def decayed(state: FoldedState, as_of: float, policy: ClassPolicy) -> tuple[floa
 
     A prior that nobody has looked at does not decay, and nothing decays backwards.
     """
-    if state.last_informative is None:
-        return state.weight_for, state.weight_against
-    age_days = max(as_of - state.last_informative, 0.0) / _DAY_S
-    kept = 0.5 ** (age_days / policy.half_life_days)
+    kept = kept_at(state.last_informative, as_of, policy)
     return kept * state.weight_for, kept * state.weight_against
+
+
+def kept_at(last_informative: float | None, as_of: float, policy: ClassPolicy) -> float:
+    """Return in (0, 1] what is left at a POSIX time of weights whose last informative contribution is of another."""
+    if last_informative is None:
+        return 1.0
+    return float(0.5 ** (max(as_of - last_informative, 0.0) / _DAY_S / policy.half_life_days))
 
 
 def fades_at(state: FoldedState, policy: ClassPolicy, side: Side, mass: float) -> float | None:

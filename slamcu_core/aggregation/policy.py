@@ -117,6 +117,16 @@ class ClassPolicy:
         """Return the parameters as a document fit for JSON, every one written out."""
         return {name: getattr(self, name) for name in _PARAMETERS}
 
+    @property
+    def opening_mass(self) -> float:
+        """The mass from which a change is spoken of: half of what makes it stand."""
+        return 0.5 * self.enter
+
+    @property
+    def closing_mass(self) -> float:
+        """The mass below which a change that was spoken of, and never stood, is dropped: half of that again."""
+        return 0.25 * self.enter
+
 
 _PARAMETERS = tuple(spec.name for spec in dataclasses.fields(ClassPolicy) if spec.name != "trusts")
 

@@ -89,7 +89,7 @@ async def _fuse(
     known = await reads.lookups(connection, reports.values())
     resolved, unresolvable = _resolve(claimed, reports, known)
     reasons |= unresolvable
-    taken, cells = within_budget(resolved, policy.reach_m, CELL_BUDGET, further)
+    taken, cells = within_budget(resolved, policy.lock_reach_m, CELL_BUDGET, further)
     if taken:
         await lock_cells(connection, cells)
         # What candidates are may have changed while waiting: another batch can have merged them, a review
@@ -121,7 +121,7 @@ async def _fold(
     if retractions:
         out = await marks.mark(connection, (item.id for item in passes))
         passes = [item for item in passes if item.id not in out]
-    features = frozenset(item.feature_id for item in passes if item.feature_id is not None)
+    features = frozenset(item.feature_id for item in passes if item.feature_id is not None and not item.archived)
     anchors = await reads.anchors(connection, features)
     require_cells(cells_of(anchors, policy), held)
     beliefs = await refold(connection, Touched(features, _places(passes, known)), held, policy)

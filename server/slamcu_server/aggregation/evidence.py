@@ -15,9 +15,11 @@ from slamcu_core.aggregation import (
     FoldedState,
     Side,
     contributions,
+    fades_at,
     fold,
     fuse_positions,
 )
+from slamcu_core.evidence import masses_from_weights
 from slamcu_core.geometry import LocalFrame
 from slamcu_server.aggregation.cells import cell_at
 from slamcu_server.aggregation.passes import StoredPass
@@ -34,7 +36,10 @@ class Summary:
     first_seen: datetime | None
     last_seen: datetime | None
     last_looked: datetime | None
+    fades_at: datetime | None  # when it stands, or is spoken of, no longer if no news comes
     expired: tuple[int, ...]  # ids of passes that no fold will need again
+    forgotten_looked: int  # of these, passes that could see the place
+    forgotten_blocked: int  # and passes that could not
 
     @property
     def last_informative(self) -> datetime | None:
@@ -45,6 +50,11 @@ class Summary:
     def stood_since(self) -> datetime | None:
         """Since when the change stands, in event time."""
         return moment(self.state.stood_since)
+
+    @property
+    def turned(self) -> tuple[datetime | None, datetime | None]:
+        """The last who denied that it is gone, and the first who said so after that."""
+        return moment(self.state.turned_after), moment(self.state.turned_at)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,34 +82,47 @@ def summarize(
     """Fold the passes over one thing and count them.
 
     Passes of epochs before the window of contributions that fold are expired: nothing that comes later, however late,
-    can bring them back. They are left out of the counts, which are therefore a pure function of all that was ever
-    reported, whether the expired passes are still stored or not.
+    can bring them back. Only the last that saw it stays. Expired passes are left out of the counts, which are therefore
+    a pure function of all that was ever reported, whether the expired passes are still stored or not.
     """
     ordered = sorted(passes, key=lambda item: item.order)
     state = fold(
         contributions([item.evidence for item in ordered], policy), prior_weight=prior_weight, policy=policy, side=side
     )
+    looked = [item for item in ordered if item.counts and not item.blocked]
+    seen = [item for item in looked if item.found]
     expired: set[int] = set()
-    if len(state.steps) == policy.window:
-        window_epoch = math.floor(state.steps[0].time / EPOCH_S)
+    if state.oldest is not None and state.folded == policy.window:
+        window_epoch = math.floor(state.oldest / EPOCH_S)
         expired = {
             item.id
             for item in ordered
             if math.floor(item.ended_at.timestamp() / EPOCH_S) < window_epoch and may_expire(item)
-        }
-    kept = [item for item in ordered if item.id not in expired]
-    looked = [item for item in kept if item.counts and not item.blocked]
-    seen = [item for item in looked if item.found]
+        } - {item.id for item in seen[-1:]}
+    blocked = [item for item in ordered if item.counts and item.blocked]
+    kept_seen = [item for item in seen if item.id not in expired]
     return Summary(
         state=state,
-        passes=len(kept),
-        looked=len(looked),
-        blocked=sum(item.counts and item.blocked for item in kept),
-        first_seen=seen[0].ended_at if seen else None,
-        last_seen=seen[-1].ended_at if seen else None,
+        passes=len(ordered) - len(expired),
+        looked=sum(item.id not in expired for item in looked),
+        blocked=sum(item.id not in expired for item in blocked),
+        first_seen=kept_seen[0].ended_at if kept_seen else None,
+        last_seen=kept_seen[-1].ended_at if kept_seen else None,
         last_looked=looked[-1].ended_at if looked else None,
+        fades_at=moment(_fades_at(state, policy, side)),
         expired=tuple(sorted(expired)),
+        forgotten_looked=sum(item.id in expired for item in looked),
+        forgotten_blocked=sum(item.id in expired for item in blocked),
     )
+
+
+def _fades_at(state: FoldedState, policy: ClassPolicy, side: Side) -> float | None:
+    if state.standing:
+        return fades_at(state, policy, side, policy.leave)
+    exists, not_exists, _ = masses_from_weights(state.weight_for, state.weight_against)
+    if float(exists if side is Side.NEW else not_exists) < policy.closing_mass:
+        return None
+    return fades_at(state, policy, side, policy.closing_mass)
 
 
 def fuse_place(passes: Iterable[StoredPass], policy: ClassPolicy) -> Place:

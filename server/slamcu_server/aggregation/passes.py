@@ -40,6 +40,7 @@ class StoredPass:
     lon: float | None = None  # degrees
     lat: float | None = None
     covariance_m2: tuple[float, float, float] | None = None  # xx, xy, yy in east-north
+    archived: bool = False  # kept to be explained, and not folded
 
     @property
     def contributor(self) -> int:

@@ -78,14 +78,16 @@ async def _features_by_object(
 ) -> dict[tuple[int, int], MapFeatureReference]:
     found = await connection.execute(
         text("""
-        SELECT f.map_id, f.object_id, f.id, v.lon, v.lat FROM features f
+        SELECT f.map_id, f.object_id, f.id, v.lon, v.lat, v.since FROM features f
         CROSS JOIN LATERAL (
-            SELECT ST_X(geom) AS lon, ST_Y(geom) AS lat FROM feature_versions
-            WHERE feature_id = f.id ORDER BY from_sequence LIMIT 1) v
+            SELECT (array_agg(ST_X(geom) ORDER BY from_sequence))[1] AS lon,
+                (array_agg(ST_Y(geom) ORDER BY from_sequence))[1] AS lat,
+                COALESCE(max(evidence_sequence), min(from_sequence)) AS since
+            FROM feature_versions WHERE feature_id = f.id) v
         WHERE f.map_id = ANY(CAST(:maps AS bigint[])) AND f.object_id = ANY(CAST(:objects AS bigint[]))"""),
         {"maps": map_ids, "objects": object_ids},
     )
-    return {(row.map_id, row.object_id): MapFeatureReference(row.id, row.lon, row.lat) for row in found}
+    return {(row.map_id, row.object_id): MapFeatureReference(row.id, row.lon, row.lat, row.since) for row in found}
 
 
 async def watches(connection: AsyncConnection, ids: Iterable[int]) -> dict[int, WatchReference]:
@@ -105,11 +107,12 @@ async def watches(connection: AsyncConnection, ids: Iterable[int]) -> dict[int, 
 
 
 async def anchors(connection: AsyncConnection, ids: Iterable[int]) -> list[tuple[int, float, float]]:
-    """Return (map id, lon, lat) of where map features were first mapped."""
+    """Return (map id, lon, lat) of where map features were first mapped, and of where their maps have them now."""
     found = await connection.execute(
         text("""
-        SELECT DISTINCT ON (feature_id) map_id, ST_X(geom) AS lon, ST_Y(geom) AS lat FROM feature_versions
-        WHERE feature_id = ANY(CAST(:ids AS bigint[])) ORDER BY feature_id, from_sequence"""),
+        SELECT map_id, ST_X(geom) AS lon, ST_Y(geom) AS lat FROM feature_versions v
+        WHERE feature_id = ANY(CAST(:ids AS bigint[])) AND (to_sequence IS NULL OR from_sequence = (
+            SELECT min(from_sequence) FROM feature_versions first WHERE first.feature_id = v.feature_id))"""),
         {"ids": sorted(set(ids))},
     )
     return [(row.map_id, row.lon, row.lat) for row in found]
@@ -142,16 +145,17 @@ async def features_near(
     rows = [
         dict(zip(types, (index, *side), strict=True))
         for index, place in enumerate(places)
-        for side in _both_sides([place])
+        for side in both_sides([place])
     ]
     found = await connection.execute(
         text(f"""
         SELECT r.place, v.feature_id AS id, first.since, v.feature_class, v.sign, v.value, v.position_std_m,
                ST_X(v.geom) AS lon, ST_Y(v.geom) AS lat
         FROM {unnest(types)}
-        JOIN feature_versions v ON v.map_id = r.map_id AND v.to_sequence IS NULL AND v.geom && {_box("r")}
+        JOIN feature_versions v ON v.map_id = r.map_id AND v.to_sequence IS NULL AND v.geom && {box("r")}
         CROSS JOIN LATERAL (
-            SELECT min(from_sequence) AS since FROM feature_versions WHERE feature_id = v.feature_id) first
+            SELECT COALESCE(max(evidence_sequence), min(from_sequence)) AS since
+            FROM feature_versions WHERE feature_id = v.feature_id) first
         ORDER BY r.place, v.feature_id"""),  # noqa: S608  (constants)
         {**arrays(types, rows), "reach": reach_deg},
     )
@@ -176,7 +180,7 @@ async def passes_near(
     # The planner would rather scan all passes than probe the index once for every box.
     query = text(f"""{_SELECT} JOIN (
             SELECT DISTINCT near.id FROM {unnest(types)} JOIN passes near
-            ON near.map_id = r.map_id AND near.geom && {_box("r")}
+            ON near.map_id = r.map_id AND near.geom && {box("r")}
             AND near.feature_id IS NULL AND near.watch_id IS NULL AND NOT near.archived AND near.retraction_id IS NULL
         ) close ON close.id = p.id
         WHERE NOT p.id = ANY(CAST(:seen AS bigint[]))""")  # noqa: S608  (constants)
@@ -184,7 +188,7 @@ async def passes_near(
     reach_deg = degrees(reach_m)
     frontier = sorted(set(places))
     while frontier:
-        rows = [dict(zip(types, place, strict=True)) for place in _both_sides(frontier)]
+        rows = [dict(zip(types, place, strict=True)) for place in both_sides(frontier)]
         result = await connection.execute(query, {**arrays(types, rows), "reach": reach_deg, "seen": sorted(found)})
         fresh = [item for item in map(stored_pass, result) if item.clusters]
         found |= {item.id: item for item in fresh}
@@ -208,6 +212,19 @@ async def passes_over_features(connection: AsyncConnection, ids: Iterable[int] |
         if item.feature_id is not None:
             by_feature.setdefault(item.feature_id, []).append(item)
     return by_feature
+
+
+async def passes_over_feature_before(connection: AsyncConnection, feature_id: int, version: str) -> list[StoredPass]:
+    """Return the passes that spoke about a feature as it was until a version of its map, archived by now or not."""
+    result = await connection.execute(
+        text(f"""{_SELECT} JOIN map_versions v ON v.map_id = p.map_id AND v.version = :version
+        WHERE p.feature_id = :id AND p.retraction_id IS NULL AND p.map_sequence < v.sequence
+          AND p.map_sequence >= COALESCE((
+            SELECT max(evidence_sequence) FROM feature_versions
+            WHERE feature_id = :id AND evidence_sequence < v.sequence), 0)"""),  # noqa: S608  (constants)
+        {"id": feature_id, "version": version},
+    )
+    return [stored_pass(row) for row in result]
 
 
 async def passes_over_watches(connection: AsyncConnection, ids: Iterable[int]) -> dict[int, list[StoredPass]]:
@@ -270,7 +287,7 @@ def stored_pass(row: Row[tuple[object, ...]]) -> StoredPass:
     )
 
 
-def _both_sides(places: Iterable[tuple[int, float, float]]) -> list[tuple[int, float, float]]:
+def both_sides(places: Iterable[tuple[int, float, float]]) -> list[tuple[int, float, float]]:
     """Return places and, for those near the antimeridian, the same place counted from its other side."""
     both: list[tuple[int, float, float]] = []
     for map_id, lon, lat in places:
@@ -280,7 +297,7 @@ def _both_sides(places: Iterable[tuple[int, float, float]]) -> list[tuple[int, f
     return both
 
 
-def _box(alias: str) -> str:
+def box(alias: str) -> str:
     """Return the SQL of a box of :reach degrees of latitude around a place; near the poles it is cut off at 89.9°."""
     east = f":reach / greatest(cosd({alias}.lat), 0.0017)"
     return (

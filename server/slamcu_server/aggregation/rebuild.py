@@ -15,8 +15,9 @@ from slamcu_core.aggregation import Policy
 from slamcu_server.aggregation import reads, writes
 from slamcu_server.aggregation.folding import fold_candidates, fold_features, partition
 from slamcu_server.aggregation.locks import lock_maps
+from slamcu_server.aggregation.pairs import Held, pair_beliefs
 from slamcu_server.aggregation.policy import remember_policy
-from slamcu_server.aggregation.refold import Touched, refold
+from slamcu_server.aggregation.refold import Touched, candidate_belief, feature_belief, refold
 from slamcu_server.changes import feed
 
 TOLERANCE = 1e-9
@@ -38,30 +39,36 @@ async def differences(engine: AsyncEngine, policy: Policy) -> list[str]:
     async with engine.connect() as connection:
         await connection.execution_options(isolation_level="REPEATABLE READ", postgresql_readonly=True)
         async with connection.begin():
-            return [
-                *await _feature_differences(connection, policy),
-                *await _candidate_differences(connection, policy),
-            ]
+            found, features = await _feature_differences(connection, policy)
+            return [*found, *await _candidate_differences(connection, policy, features)]
 
 
-async def _feature_differences(connection: AsyncConnection, policy: Policy) -> list[str]:
+async def _feature_differences(connection: AsyncConnection, policy: Policy) -> tuple[list[str], Held]:
     passes = await reads.passes_over_features(connection, None)
     features = await reads.features(connection, await reads.reported_features(connection))
     summaries = fold_features(features.values(), passes, policy)
-    wanted = {
-        key: {**writes.belief_row(summary, policy.version), "looked": summary.looked, "blocked": summary.blocked}
-        for key, summary in summaries.items()
-    }
+    wanted = {key: writes.feature_row(summary, policy.version) for key, summary in summaries.items()}
     stored = await _stored(connection, "SELECT *, feature_id AS key FROM feature_states")
-    return list(_compare("feature", wanted, stored))
+    beliefs = {
+        key: feature_belief(features[key], summary, policy.version)
+        for key, summary in summaries.items()
+        if features[key].in_map
+    }
+    return list(_compare("feature", wanted, stored)), beliefs
 
 
-async def _candidate_differences(connection: AsyncConnection, policy: Policy) -> list[str]:
+async def _candidate_differences(connection: AsyncConnection, policy: Policy, features: Held) -> list[str]:
     passes = await reads.all_clustering_passes(connection)
     known = await reads.candidates_founded_by(connection, (item.id for item in passes))
     parts = partition(passes, {key: item.id for key, item in known.items()}, policy)
     watched = await reads.passes_over_watches(connection, parts.watch_ids)
     folds = fold_candidates(parts, watched, policy)
+    beliefs = {
+        one.membership.candidate_id: candidate_belief(one.membership.candidate_id, one, policy.version)
+        for one in folds
+        if one.membership.candidate_id is not None
+    }
+    pairs = {one.candidate_id: one for one in pair_beliefs(features, beliefs, policy)}
     found = list[str]()
     wanted: dict[int, writes.Row] = {}
     for one in folds:
@@ -69,7 +76,10 @@ async def _candidate_differences(connection: AsyncConnection, policy: Policy) ->
         if key is None:
             found.append(f"pass {one.membership.founder.id} founds a candidate that is not stored")
             continue
-        wanted[key] = writes.candidate_row(one, policy.version)
+        wanted[key] = writes.candidate_row(one, policy.version) | {
+            "pair_feature_id": pairs[key].feature_id if key in pairs else None,
+            "pair_kind": pairs[key].kind.value if key in pairs else None,
+        }
         # An id stays with the pass that founded it, though an earlier one may have come late.
         del wanted[key]["founding_pass"]
         found += [

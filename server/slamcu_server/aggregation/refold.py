@@ -7,8 +7,8 @@ may be serving requests at the same time.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 
 from sqlalchemy.ext.asyncio import AsyncConnection
 
@@ -18,11 +18,29 @@ from slamcu_server.aggregation.cells import Cell, cells_within
 from slamcu_server.aggregation.evidence import Place, Summary
 from slamcu_server.aggregation.folding import CandidateFold, fold_candidates, fold_features, partition
 from slamcu_server.aggregation.locks import require_cells
+from slamcu_server.aggregation.pairs import (
+    candidates_beside,
+    features_beside,
+    pair_beliefs,
+    stored_partners,
+    strong,
+    write_pairs,
+)
 from slamcu_server.aggregation.passes import StoredPass
 from slamcu_server.aggregation.reads import MappedFeature
 from slamcu_server.changes.belief import Belief, Beliefs, Kind, Subject
 
 Places = frozenset[tuple[int, float, float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Neighbourhood:
+    """What has been folded so far."""
+
+    features: Mapping[int, tuple[Subject, Belief]]
+    candidates: Mapping[int, tuple[Subject, Belief]]
+    merged: frozenset[int]
+    unmapped: frozenset[int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,38 +54,76 @@ class Touched:
 async def refold(
     connection: AsyncConnection, touched: Touched, held: frozenset[Cell] | None, policy: Policy
 ) -> Beliefs:
-    """Fold what was touched from its stored passes and write the result.
+    """Fold what was touched from its stored passes, and what may be one change with it, and write the result.
 
     Raises BeyondLockedCells if a connected group reaches beyond the cells that are held (None: everything is).
     """
-    mapped, unmapped = await _refold_features(connection, touched.features, policy)
-    candidates, merged = await _refold_candidates(connection, touched.places, held, policy)
-    return Beliefs((*mapped, *candidates), merged, unmapped)
+    features: dict[int, tuple[Subject, Belief]] = {}
+    candidates: dict[int, tuple[Subject, Belief]] = {}
+    merged: dict[int, int] = {}
+    unmapped: set[int] = set()
+    gone: set[int] = set()  # candidates that are none any more, though a pair is stored
+    todo: Touched | None = touched
+    while todo is not None:
+        if todo.features is None or todo.features:
+            mapped, without = await _refold_features(connection, todo.features, policy)
+            features |= mapped
+            unmapped |= without
+        if todo.places is None or todo.places:
+            found, into = await _refold_candidates(connection, todo.places, held, policy)
+            candidates |= found
+            merged |= into
+        known = Neighbourhood(features, candidates, frozenset(merged), frozenset(unmapped))
+        todo, stale = await _further(connection, known, held, policy)
+        gone |= stale
+    pairs = pair_beliefs(features, candidates, policy)
+    await write_pairs(connection, pairs, [*candidates, *merged, *gone])
+    about = (*(features[key] for key in sorted(features)), *(candidates[key] for key in sorted(candidates)))
+    return Beliefs(about, merged, frozenset(unmapped), pairs=pairs)
+
+
+async def _further(
+    connection: AsyncConnection, known: Neighbourhood, held: frozenset[Cell] | None, policy: Policy
+) -> tuple[Touched | None, frozenset[int]]:
+    """Return what else may be one change with what is known by now, and candidates whose stored pair is void.
+
+    Raises BeyondLockedCells if that lies beyond the cells that are held.
+    """
+    partners = await stored_partners(connection, {*known.features, *known.unmapped}, {*known.candidates, *known.merged})
+    deleted, new = strong(known.features, policy), strong(known.candidates, policy)
+    if not (partners or deleted or new):
+        return None, frozenset()
+    if held is not None:
+        require_cells(cells_of([*deleted, *new], policy), held)
+    reach = policy.lock_reach_m
+    beside = await candidates_beside(connection, deleted, (key for key, _ in partners), reach)
+    features = await features_beside(connection, new, reach) | {feature for _, feature in partners}
+    features -= {*known.features, *known.unmapped}
+    places = frozenset(place for key, place in beside.items() if key not in known.candidates)
+    require_cells(cells_of([*places, *await reads.anchors(connection, features)], policy), held)
+    stale = frozenset(key for key, _ in partners if key not in beside)
+    return (Touched(frozenset(features), places) if features or places else None), stale
 
 
 async def _refold_features(
     connection: AsyncConnection, ids: frozenset[int] | None, policy: Policy
-) -> tuple[list[tuple[Subject, Belief]], frozenset[int]]:
+) -> tuple[dict[int, tuple[Subject, Belief]], frozenset[int]]:
     passes = await reads.passes_over_features(connection, ids)
     features = await reads.features(connection, ids if ids is not None else await reads.reported_features(connection))
     summaries = await asyncio.to_thread(fold_features, features.values(), passes, policy)
-    rows = {
-        key: {**writes.belief_row(summary, policy.version), "looked": summary.looked, "blocked": summary.blocked}
-        for key, summary in summaries.items()
-    }
-    await writes.upsert_feature_states(connection, rows)
+    await writes.upsert_feature_states(connection, summaries, policy.version)
     await writes.delete_passes(connection, (key for summary in summaries.values() for key in summary.expired))
-    beliefs = [
-        feature_belief(features[key], summaries[key], policy.version)
-        for key in sorted(summaries)
+    beliefs = {
+        key: feature_belief(features[key], summary, policy.version)
+        for key, summary in summaries.items()
         if features[key].in_map
-    ]
+    }
     return beliefs, frozenset(key for key in summaries if not features[key].in_map)
 
 
 async def _refold_candidates(
     connection: AsyncConnection, places: Places | None, held: frozenset[Cell] | None, policy: Policy
-) -> tuple[list[tuple[Subject, Belief]], dict[int, int]]:
+) -> tuple[dict[int, tuple[Subject, Belief]], dict[int, int]]:
     if places is None:
         passes = await reads.all_clustering_passes(connection)
     else:
@@ -85,8 +141,8 @@ async def _refold_candidates(
     after = {key: belongs.get(key) for key in before}
     await writes.assign_passes(connection, {key: now for key, now in after.items() if now != before[key]})
     await writes.delete_passes(connection, (key for one in folds for key in one.summary.expired))
-    beliefs = [candidate_belief(key, one, policy.version) for key, one in zip(ids, folds, strict=True)]
-    return sorted(beliefs, key=lambda pair: pair[0].candidate_id or 0), parts.merged
+    beliefs = {key: candidate_belief(key, one, policy.version) for key, one in zip(ids, folds, strict=True)}
+    return beliefs, parts.merged
 
 
 async def _write_candidates(connection: AsyncConnection, folds: list[CandidateFold], policy: Policy) -> list[int]:
@@ -111,7 +167,7 @@ def _all(folds: Iterable[CandidateFold], alone: Iterable[StoredPass]) -> Iterabl
 
 def cells_of(places: Iterable[tuple[int, float, float]], policy: Policy) -> frozenset[Cell]:
     """Return the cells that whoever changes anything at these places must hold."""
-    return frozenset[Cell]().union(*(cells_within(*place, policy.reach_m) for place in places))
+    return frozenset[Cell]().union(*(cells_within(*place, policy.lock_reach_m) for place in places))
 
 
 def feature_belief(feature: MappedFeature, summary: Summary, policy_version: str) -> tuple[Subject, Belief]:
@@ -120,7 +176,8 @@ def feature_belief(feature: MappedFeature, summary: Summary, policy_version: str
     place = Place(feature.lon, feature.lat, (variance, 0.0, variance))
     kind = (feature.feature_class, feature.sign, feature.value)
     subject = Subject(Kind.DELETED, feature.map_id, feature_id=feature.id, map_object_id=feature.object_id)
-    return subject, _belief(Kind.DELETED, summary, place, kind, policy_version)
+    belief = _belief(Kind.DELETED, summary, place, kind, policy_version)
+    return subject, replace(belief, order=(feature.object_id,), begun=summary.turned)
 
 
 def candidate_belief(candidate_id: int, one: CandidateFold, policy_version: str) -> tuple[Subject, Belief]:
@@ -128,7 +185,8 @@ def candidate_belief(candidate_id: int, one: CandidateFold, policy_version: str)
     founder = one.membership.founder
     kind = (founder.feature_class, one.sign, one.value)
     subject = Subject(Kind.NEW, founder.map_id, candidate_id=candidate_id)
-    return subject, _belief(Kind.NEW, one.summary, one.place, kind, policy_version)
+    belief = _belief(Kind.NEW, one.summary, one.place, kind, policy_version)
+    return subject, replace(belief, order=founder.order, begun=(one.summary.first_seen, one.summary.first_seen))
 
 
 def _belief(
@@ -155,4 +213,5 @@ def _belief(
         lat=place.lat,
         covariance_m2=place.covariance_m2,
         policy_version=policy_version,
+        fades_at=summary.fades_at,
     )

@@ -41,6 +41,7 @@ class MapFeatureReference:
     id: int
     lon: float
     lat: float
+    since_sequence: int = 0  # the first map version in which it was this thing at this place
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +61,7 @@ class NearbyFeature:
     """A feature of the current map near an unreferenced pass."""
 
     id: int
-    since_sequence: int  # the first map version that had it
+    since_sequence: int  # the first map version that had this thing at this place
     feature_class: str
     sign: str | None
     value: str | None
@@ -128,7 +129,8 @@ def resolve_message(claimed: ClaimedMessage, report: ReportMessage, known: Looku
                 raise UnresolvableError(
                     f"passes[{index}]: map {identity.source!r} never had a feature {reference.object_id}"
                 )
-            stored = replace(stored, feature_id=feature.id)
+            # Who has an older map speaks of what it was, or of where it was.
+            stored = replace(stored, feature_id=feature.id, archived=sequence < feature.since_sequence)
             anchors.add((map_id, feature.lon, feature.lat))
         elif item.position is not None:
             anchors.add((map_id, item.position.lon, item.position.lat))

@@ -42,6 +42,7 @@ _PASS_TYPES = {
     "fleet_id": "text",
     "valid": "boolean",
     "trusted": "boolean",
+    "archived": "boolean",
 }
 _BELIEF_TYPES = {
     "weight_for": "float8",
@@ -53,9 +54,11 @@ _BELIEF_TYPES = {
     "last_looked": "timestamptz",
     "last_seen": "timestamptz",
     "last_informative": "timestamptz",
+    "fades_at": "timestamptz",
     "policy_version": "text",
 }
 _FEATURE_TYPES = {"feature_id": "bigint", **_BELIEF_TYPES, "looked": "bigint", "blocked": "bigint"}
+_FORGOTTEN_TYPES = {"forgotten_looked": "bigint", "forgotten_blocked": "bigint"}
 _CANDIDATE_TYPES = {
     **_BELIEF_TYPES,
     "first_seen": "timestamptz",
@@ -84,8 +87,14 @@ def belief_row(summary: Summary, policy_version: str) -> Row:
         "last_looked": summary.last_looked,
         "last_seen": summary.last_seen,
         "last_informative": summary.last_informative,
+        "fades_at": summary.fades_at,
         "policy_version": policy_version,
     }
+
+
+def feature_row(summary: Summary, policy_version: str) -> Row:
+    """Return the row of a map feature, all but its id and what has been forgotten."""
+    return {**belief_row(summary, policy_version), "looked": summary.looked, "blocked": summary.blocked}
 
 
 def candidate_row(fold: CandidateFold, policy_version: str) -> Row:
@@ -124,16 +133,30 @@ async def insert_passes(connection: AsyncConnection, messages: Sequence[Resolved
     return [replace(item, id=ids[message.claimed.id, item.key[3]]) for message in messages for item in message.passes]
 
 
-async def upsert_feature_states(connection: AsyncConnection, rows: Mapping[int, Row]) -> None:
+async def upsert_feature_states(
+    connection: AsyncConnection, summaries: Mapping[int, Summary], policy_version: str
+) -> None:
     """Write what is believed about map features, given by their ids."""
-    columns = ", ".join(_FEATURE_TYPES)
-    updates = ", ".join(f"{name} = EXCLUDED.{name}" for name in _FEATURE_TYPES if name != "feature_id")
-    ordered = [{"feature_id": key, **rows[key]} for key in sorted(rows)]
+    types = {**_FEATURE_TYPES, **_FORGOTTEN_TYPES}
+    columns = ", ".join(types)
+    updates = ", ".join(
+        [f"{name} = EXCLUDED.{name}" for name in _FEATURE_TYPES if name != "feature_id"]
+        + [f"{name} = feature_states.{name} + EXCLUDED.{name}" for name in _FORGOTTEN_TYPES]
+    )
+    rows = [
+        {
+            "feature_id": key,
+            **feature_row(summaries[key], policy_version),
+            "forgotten_looked": summaries[key].forgotten_looked,
+            "forgotten_blocked": summaries[key].forgotten_blocked,
+        }
+        for key in sorted(summaries)
+    ]
     await connection.execute(
         text(f"""
-        INSERT INTO feature_states ({columns}) SELECT {columns} FROM {unnest(_FEATURE_TYPES)}
+        INSERT INTO feature_states ({columns}) SELECT {columns} FROM {unnest(types)}
         ON CONFLICT (feature_id) DO UPDATE SET {updates}, updated_at = now()"""),  # noqa: S608  (constants)
-        arrays(_FEATURE_TYPES, ordered),
+        arrays(types, rows),
     )
 
 
@@ -220,4 +243,5 @@ def _pass_row(message: ResolvedMessage, item: StoredPass) -> Row:
         "fleet_id": message.report.fleet_id,
         "valid": item.valid,
         "trusted": item.trusted,
+        "archived": item.archived,
     }

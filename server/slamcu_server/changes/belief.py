@@ -6,10 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
+from typing import Any
+
+from slamcu_core.evidence import masses_from_weights
 
 
 class Kind(StrEnum):
-    """The kinds of change. `moved` and `modified` join a map feature with a candidate."""
+    """The kinds of change; `moved` and `modified` join a map feature with a candidate."""
 
     NEW = "new"
     DELETED = "deleted"
@@ -18,17 +21,36 @@ class Kind(StrEnum):
 
 
 class State(StrEnum):
-    """The states of a change: evidence moves the first three, a review the last two."""
+    """The states of a change: evidence moves the first three, a review the next two, an imported map the last two."""
 
     CANDIDATE = "candidate"
     CONFIRMED = "confirmed"
     WITHDRAWN = "withdrawn"
     ACCEPTED = "accepted"
     REJECTED = "rejected"
+    ABSORBED = "absorbed"
+    CONTRADICTED = "contradicted"
 
 
-REVIEWABLE = frozenset({State.CANDIDATE, State.CONFIRMED})
+OPEN = frozenset({State.CANDIDATE, State.CONFIRMED})
 """What a provider can decide on: a withdrawn change has nothing left to accept or reject."""
+
+IN_THE_MAP = frozenset({State.ACCEPTED, State.ABSORBED})
+"""The map says so now."""
+
+DENIED = frozenset({State.REJECTED, State.CONTRADICTED})
+"""The provider knows better: the change stays silent until the evidence for it has left and come again."""
+
+
+class Because(StrEnum):
+    """Why a change was withdrawn."""
+
+    EVIDENCE = "evidence"  # it turned, or left
+    FADED = "faded"  # nobody has looked for too long
+    MERGED = "merged"  # the candidate is part of another one
+    JOINED = "joined"  # it is one half of another change now
+    UNMAPPED = "unmapped"  # the map no longer has the feature
+    RETRACTED = "retracted"  # what it was made of was taken out
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,11 +90,29 @@ class Belief:
     lat: float
     covariance_m2: tuple[float, float, float]  # xx, xy, yy in east-north
     policy_version: str
+    order: tuple[Any, ...] = ()  # canonical among beliefs of one kind
+    begun: tuple[datetime | None, datetime | None] = (None, None)  # it came about between these; None: no bound
+    fades_at: datetime | None = None  # when it stands no longer if nobody looks again
 
     @property
-    def supporters(self) -> int:
-        """Contributors who speak for the change."""
-        return self.contributors_for if self.kind is Kind.NEW else self.contributors_against
+    def mass(self) -> float:
+        """The mass that speaks for the change, as of the last informative contribution."""
+        exists, not_exists, _ = masses_from_weights(self.weight_for, self.weight_against)
+        return float(exists if self.kind is Kind.NEW else not_exists)
+
+    @property
+    def first_evidence(self) -> datetime | None:
+        """When somebody first saw that the map is wrong, as far as it is still known."""
+        return self.begun[1]
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A map feature and a candidate that are one change once both stand."""
+
+    kind: Kind  # moved or modified
+    feature_id: int
+    candidate_id: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,3 +123,4 @@ class Beliefs:
     merged: Mapping[int, int]  # candidates that are part of another one now, each with that one's id
     unmapped: frozenset[int]  # features that the map no longer has: nothing about them would be a change of it
     dissolved: frozenset[int] = frozenset()  # candidates of which nothing is left: what they were made of was retracted
+    pairs: tuple[Pair, ...] = ()  # of features and candidates that are both in `about`

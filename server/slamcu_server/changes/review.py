@@ -14,7 +14,7 @@ from slamcu_server.aggregation.cells import Cell
 from slamcu_server.aggregation.locks import BeyondLockedCells, lock_cells, require_cells
 from slamcu_server.aggregation.refold import Touched, cells_of, refold
 from slamcu_server.changes import feed, map_edit, repository, service
-from slamcu_server.changes.belief import REVIEWABLE, Kind, State
+from slamcu_server.changes.belief import OPEN, Kind, State
 from slamcu_server.changes.document import timestamp
 from slamcu_server.changes.repository import StoredChange
 from slamcu_server.changes.schemas import ReviewRequest
@@ -69,7 +69,7 @@ async def _decide(
     if change.etag not in asked.tags:
         detail = f"the change is at revision {change.revision}: look at it again and send its ETag {change.etag}"
         raise Problem(412, "revision-stale", detail, headers={"ETag": change.etag})
-    if change.state not in REVIEWABLE:
+    if change.state not in OPEN:
         raise Problem(409, "not-reviewable", f"the change is {change.state}; there is nothing to decide")
     decision = asked.decision
     said: dict[str, Any] = {
@@ -79,30 +79,37 @@ async def _decide(
         "at": timestamp(datetime.now(UTC)),
         "map_version": None,
     }
-    entries: list[feed.Entry] = []
     document = {**change.document, "review": said}
-    if decision.decision == "accept":
-        edit = await _accept(connection, change, decision.version)
+    accepted = decision.decision == "accept"
+    edit = await _accept(connection, change, decision.version) if accepted else None
+    if edit is not None:
         said["map_version"] = edit.version
-        document["map_object_id"] = edit.object_id
-        beliefs = await refold(connection, Touched(edit.features, edit.places), held, policy)
-        entries += await feed.publish(connection, beliefs, policy)
-    state = State.ACCEPTED if decision.decision == "accept" else State.REJECTED
+        document |= {"map_object_id": edit.object_id, "mapped_at": said["at"], "mapped_in": edit.version}
+    state = State.ACCEPTED if accepted else State.REJECTED
     reviewed = replace(change, state=state, revision=change.revision + 1, document=document)
     entry = feed.Entry(change.id, change.map_id, change.kind, state, reviewed.revision, document)
+    # Before what else follows from the edit: this change is closed for it.
     await feed.revise(connection, [entry])
+    await feed.settle(connection, [entry])
+    entries: list[feed.Entry] = []
+    if edit is not None:
+        beliefs = await refold(connection, Touched(edit.features, edit.places), held, policy)
+        entries = await feed.publish(connection, beliefs, policy)
     await feed.append(connection, [entry, *entries])
     return reviewed
 
 
 async def _accept(connection: AsyncConnection, change: StoredChange, version: str | None) -> map_edit.MapEdit:
-    """Write the next map version. `moved` and `modified` will be edits of a feature and its candidate together."""
-    match change.kind:
-        case Kind.DELETED if change.feature_id is not None:
-            return await map_edit.remove_feature(connection, change.map_id, change.id, change.feature_id, version)
-        case Kind.NEW if change.candidate_id is not None:
-            return await map_edit.add_feature(connection, change.map_id, change.id, change.candidate_id, version)
-    raise Problem(409, "not-reviewable", f"changes of kind {change.kind} cannot be accepted yet")
+    """Write the next map version."""
+    here = connection, change.map_id, change.id
+    match change.kind, change.feature_id, change.candidate_id:
+        case Kind.DELETED, int(feature), _:
+            return await map_edit.remove_feature(*here, feature, version)
+        case Kind.NEW, _, int(candidate):
+            return await map_edit.add_feature(*here, candidate, version)
+        case (Kind.MOVED | Kind.MODIFIED) as kind, int(feature), int(candidate):
+            return await map_edit.replace_feature(*here, (feature, candidate), version, modified=kind is Kind.MODIFIED)
+    raise Problem(409, "not-reviewable", f"the change of kind {change.kind} has lost what it is about")
 
 
 async def _cells(connection: AsyncConnection, change: StoredChange, policy: Policy) -> frozenset[Cell]:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 from pydantic.config import JsonDict
 
-from slamcu_server.changes.belief import Kind, State
+from slamcu_server.changes.belief import Because, Kind, State
 from slamcu_server.maps.schemas import Point
 
 _CHANGE_EXAMPLE: JsonDict = {
@@ -39,7 +39,14 @@ _CHANGE_EXAMPLE: JsonDict = {
     "last_looked": "2026-05-02T07:55:03+00:00",
     "confirmed_at": "2026-05-01T11:40:21+00:00",
     "policy_version": "3f1c92ab04de",
+    "first_evidence": "2026-05-01T08:12:40+00:00",
+    "from": None,
+    "to": None,
     "merged_into": None,
+    "joined_into": None,
+    "withdrawn_because": None,
+    "mapped_at": None,
+    "mapped_in": None,
     "review": None,
 }
 
@@ -63,6 +70,22 @@ class Evidence(BaseModel):
     conflict: float = Field(description="1 - exp(-weight_for) times 1 - exp(-weight_against): dispute, not ignorance.")
 
 
+class Half(Evidence):
+    """One end of a moved or modified feature: what the map says, or what is there now."""
+
+    feature_class: str = Field(alias="class")
+    sign: str | None
+    value: str | None
+    geometry: Point
+    covariance_m2: tuple[float, float, float] = Field(description="xx, xy, yy in east-north.")
+    ellipse95: Ellipse
+    contributors_for: int
+    contributors_against: int
+    passes: int
+    last_seen: datetime | None
+    last_looked: datetime | None
+
+
 class Review(BaseModel):
     """What a provider decided about a change."""
 
@@ -84,22 +107,33 @@ class Change(Evidence):
     revision: int = Field(description="Rises with every entry of the feed about this change.")
     map: str = Field(description="The map's name.")
     map_object_id: int | None = Field(description="The map feature it is about; of an accepted new one, its new id.")
-    watch_id: int | None = Field(description="The watch feature by which vehicles check it, of a new feature.")
+    watch_id: int | None = Field(
+        description="The watch feature by which vehicles check it: of what is new, moved or modified."
+    )
     feature_class: str = Field(alias="class")
     sign: str | None
     value: str | None
     geometry: Point
     covariance_m2: tuple[float, float, float] = Field(description="xx, xy, yy in east-north.")
     ellipse95: Ellipse
-    contributors_for: int = Field(description="Different vehicles whose evidence for existence still weighs.")
+    contributors_for: int = Field(
+        description="Different vehicles whose evidence for existence still weighs: of what is at `geometry` now."
+    )
     contributors_against: int
     passes: int
     first_seen: datetime | None
     last_seen: datetime | None
     last_looked: datetime | None
     confirmed_at: datetime | None = Field(description="Since when the evidence stands, in the time of the reports.")
-    policy_version: str
+    policy_version: str = Field(description="Of the policy under which this was decided: GET /v1/policies/{version}.")
+    first_evidence: datetime | None = Field(description="When the first report came that says so, in event time.")
+    from_: Half | None = Field(alias="from", description="Moved, modified: what the map says, and where.")
+    to: Half | None = Field(description="Moved, modified: what is there now, and where.")
     merged_into: int | None = Field(description="Withdrawn, because it is part of this watch feature.")
+    joined_into: int | None = Field(description="Withdrawn, because it is a half of this change.")
+    withdrawn_because: Because | None
+    mapped_at: datetime | None = Field(description="When a version of the map first said so.")
+    mapped_in: str | None = Field(description="Which version that was.")
     review: Review | None
 
 
@@ -129,6 +163,9 @@ class Contribution(BaseModel):
     informativeness: float = Field(description="0: saw nothing; 1: leaves no doubt.")
     passes: int
     position_residual_m: tuple[float, float] | None = Field(description="East and north of the change's place.")
+    position_mahalanobis: float | None = Field(
+        description="The same in standard deviations of both places: 95 % are below 2.45."
+    )
 
 
 class CourseStep(Evidence):
@@ -172,7 +209,8 @@ class Explanation(BaseModel):
 class ExplainedChange(Change):
     """A change as last published, the evidence behind it, and what was said about it."""
 
-    evidence: Explanation
+    evidence: Explanation = Field(description="About what is there now; of a deleted feature, about what the map says.")
+    evidence_from: Explanation | None = Field(description="Moved, modified: about what the map says.")
     history: list[HistoryEntry]
 
 

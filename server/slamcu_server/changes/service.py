@@ -13,8 +13,8 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from slamcu_core.aggregation import Policy, Side
 from slamcu_core.evidence import support
 from slamcu_server.aggregation import reads
+from slamcu_server.aggregation.passes import StoredPass
 from slamcu_server.changes import repository
-from slamcu_server.changes.belief import Kind
 from slamcu_server.changes.explanation import Case, explain
 from slamcu_server.changes.repository import FeedQuery, StoredChange
 from slamcu_server.problems import Problem
@@ -66,9 +66,11 @@ async def explain_change(connection: AsyncConnection, change: StoredChange) -> d
     """Return a change with the evidence behind it."""
     now = datetime.now(UTC)
     history = await repository.list_history(connection, change.id)
+    explained = [explain(case, change.salt, now) for case in await _cases(connection, change)]
     return {
         **present_change(change),
-        "evidence": explain(await _case(connection, change), change.salt, now),
+        "evidence": explained[0],
+        "evidence_from": explained[1] if len(explained) > 1 else None,
         "history": [
             {
                 "sequence": row.sequence,
@@ -81,17 +83,34 @@ async def explain_change(connection: AsyncConnection, change: StoredChange) -> d
     }
 
 
-async def _case(connection: AsyncConnection, change: StoredChange) -> Case:
+async def _cases(connection: AsyncConnection, change: StoredChange) -> list[Case]:
+    """Return the evidence about a change: about the candidate first, where there is one, then about the map feature."""
     document = change.document
     policy = await repository.find_policy(connection, document["policy_version"]) or Policy()
     rules = policy.for_class(document["class"])
-    lon, lat = document["geometry"]["coordinates"][:2]
-    if change.kind is Kind.NEW and change.candidate_id is not None:
+    cases: list[Case] = []
+    if change.candidate_id is not None:
         passes = await reads.passes_over_candidate(connection, change.candidate_id)
-        return Case(passes, Side.NEW, 0.0, rules, lon, lat)
-    if change.feature_id is None:
+        cases.append(Case(passes, Side.NEW, 0.0, rules, *_place(document.get("to") or document)))
+    if change.feature_id is not None:
+        passes = await _passes_over_feature(connection, change, change.feature_id)
+        feature = (await reads.features(connection, [change.feature_id]))[change.feature_id]
+        prior = float(support(feature.existence_confidence))
+        cases.append(Case(passes, Side.DELETED, prior, rules, *_place(document.get("from") or document)))
+    if not cases:
         raise ValueError(f"change {change.id} is about nothing")
-    by_feature = await reads.passes_over_features(connection, [change.feature_id])
-    features = await reads.features(connection, [change.feature_id])
-    prior = float(support(features[change.feature_id].existence_confidence))
-    return Case(by_feature.get(change.feature_id, []), Side.DELETED, prior, rules, lon, lat)
+    return cases
+
+
+async def _passes_over_feature(connection: AsyncConnection, change: StoredChange, feature_id: int) -> list[StoredPass]:
+    """Return the passes that speak about a feature as it is, or as it was before the map took up the change."""
+    version = change.document.get("mapped_in")
+    if version is None:
+        return (await reads.passes_over_features(connection, [feature_id])).get(feature_id, [])
+    return await reads.passes_over_feature_before(connection, feature_id, version)
+
+
+def _place(document: dict[str, Any]) -> tuple[float, float, tuple[float, float, float]]:
+    lon, lat = document["geometry"]["coordinates"][:2]
+    xx, xy, yy = document["covariance_m2"]
+    return lon, lat, (xx, xy, yy)

@@ -76,6 +76,7 @@ maps = Table(
     Column("source", Text, nullable=False, unique=True),
     Column("current_sequence", Integer, nullable=False),
     Column("next_object_id", BigInteger, nullable=False),
+    Column("evidence_time", DateTime(timezone=True)),  # of the newest report that the housekeeping knows of
     _created(),
 )
 
@@ -108,6 +109,7 @@ feature_versions = Table(
     Column("feature_id", BigInteger, ForeignKey("features.id", ondelete="CASCADE"), nullable=False),
     Column("from_sequence", Integer, nullable=False),
     Column("to_sequence", Integer),  # the first version without it; NULL: still in the map
+    Column("evidence_sequence", Integer),  # since when it is this thing here; NULL: since its first version
     Column("map_id", BigInteger, ForeignKey("maps.id", ondelete="CASCADE"), nullable=False),
     Column("feature_class", Text, nullable=False),
     Column("sign", Text),
@@ -183,6 +185,10 @@ candidates = Table(
     Column("feature_id", BigInteger, ForeignKey("features.id")),  # accepted into the map as this feature
     Column("policy_version", Text, nullable=False),
     _created(),
+    Column("fades_at", DateTime(timezone=True)),  # when it stands no longer if nobody looks again
+    Column("pair_feature_id", BigInteger, ForeignKey("features.id")),  # the map feature with which it is one change
+    Column("pair_kind", Text),
+    CheckConstraint("pair_kind IN ('moved', 'modified')", name="pair_kind"),
 )
 Index(
     "ix_candidates_geom",
@@ -190,6 +196,7 @@ Index(
     postgresql_using="gist",
     postgresql_where=text("merged_into IS NULL AND feature_id IS NULL"),
 )
+Index("ix_candidates_pair", candidates.c.pair_feature_id, postgresql_where=text("pair_feature_id IS NOT NULL"))
 
 # --- what is taken out again: the evidence that a retraction names counts nowhere as long as it is active ------------
 
@@ -304,6 +311,11 @@ feature_states = Table(
     Column("last_informative", DateTime(timezone=True)),
     Column("policy_version", Text, nullable=False),
     Column("updated_at", DateTime(timezone=True), nullable=False, server_default=func.now()),
+    Column("fades_at", DateTime(timezone=True)),  # when it stands no longer if nobody looks again
+    Column(
+        "forgotten_looked", BigInteger, nullable=False, server_default=text("0")
+    ),  # passes that are not kept any more
+    Column("forgotten_blocked", BigInteger, nullable=False, server_default=text("0")),
 )
 
 policies = Table(
@@ -322,7 +334,7 @@ changes = Table(
     Column("kind", Text, nullable=False),
     Column("state", Text, nullable=False),
     Column("feature_id", BigInteger, ForeignKey("features.id")),  # deleted, moved, modified: the map feature
-    Column("candidate_id", BigInteger, ForeignKey("candidates.id")),  # new, moved: the candidate
+    Column("candidate_id", BigInteger, ForeignKey("candidates.id")),  # new, moved, modified: the candidate
     Column("revision", Integer, nullable=False),  # rises with every entry: the ETag
     Column("document", JSONB, nullable=False),  # the change as last published
     _point(),
@@ -330,9 +342,15 @@ changes = Table(
     Column("evidence_left", Boolean, nullable=False, server_default=text("false")),  # since its review
     _created(),
     Column("updated_at", DateTime(timezone=True), nullable=False, server_default=func.now()),
+    Column("first_evidence_at", DateTime(timezone=True)),  # event time
+    Column("mapped_at", DateTime(timezone=True)),  # when a version of the map first said so
     CheckConstraint("kind IN ('new', 'deleted', 'moved', 'modified')", name="kind"),
-    CheckConstraint("state IN ('candidate', 'confirmed', 'accepted', 'rejected', 'withdrawn')", name="state"),
+    CheckConstraint(
+        "state IN ('candidate', 'confirmed', 'accepted', 'rejected', 'withdrawn', 'absorbed', 'contradicted')",
+        name="state",
+    ),
 )
+Index("ix_changes_open", changes.c.id, postgresql_where=text("state IN ('candidate', 'confirmed')"))
 Index("ix_changes_feature", changes.c.feature_id)
 Index("ix_changes_candidate", changes.c.candidate_id)
 Index("ix_changes_geom", changes.c.geom, postgresql_using="gist")

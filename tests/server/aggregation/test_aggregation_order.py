@@ -49,9 +49,23 @@ def a_fleet(reports: Any, seed: int) -> list[Message]:
                 passes.append(
                     reports.find(*place, hours=hours, weight=rng.uniform(0.1, 4.0), std_m=rng.uniform(0.3, 1.2))
                 )
+        passes += moved_and_modified(reports, rng, hours)
         car, trusted = f"car-{rng.randrange(12)}", rng.random() > 0.05
         messages.append(Message(car, f"session-{number}", 1 + number % 3, tuple(passes), trusted))
     return messages
+
+
+def moved_and_modified(reports: Any, rng: random.Random, hours: float) -> list[PassReport]:
+    """Signs that stand some metres on, or say something else: each car sees some of it, and errs now and then."""
+    passes = []
+    for number in rng.sample(range(1, 9), 3):
+        x = 200.0 * (number - 1)
+        shift, sign = (rng.gauss(0.0, 0.3), "STOP_SIGN") if number % 3 == 0 else (4.0 * (number % 3), "SPEED_LIMIT")
+        passes.append(reports.missed(number, hours=hours + 0.02 * number, weight=3.0))
+        if rng.random() < 0.8:
+            place = (x + shift + rng.gauss(0.0, 0.4), rng.gauss(0.0, 0.4))
+            passes.append(reports.find(*place, hours=hours, sign=sign, weight=rng.uniform(1.0, 4.0)))
+    return passes
 
 
 async def believed(town: Any) -> tuple[dict[Any, Any], dict[Any, Any], set[Any]]:
@@ -74,14 +88,20 @@ async def believed(town: Any) -> tuple[dict[Any, Any], dict[Any, Any], set[Any]]
             alone.add(key)
         else:
             members.setdefault(row.candidate_id, set()).add(key)
-    candidates = {frozenset(members[row.id]): _numbers(row) for row in await town.candidates()}
+    objects = {row.id: row.object_id for row in await town.rows("SELECT id, object_id FROM features")}
+    candidates = {
+        frozenset(members[row.id]): _numbers(row)
+        | {"pair": row.pair_kind and (row.pair_kind, objects[row.pair_feature_id])}
+        for row in await town.candidates()
+    }
     assert members.keys() == {row.id for row in await town.candidates()}
     return features, candidates, alone
 
 
 def _numbers(row: Any) -> dict[str, Any]:
     names = ("weight_for", "weight_against", "standing", "contributors_for", "contributors_against", "passes")
-    return {name: getattr(row, name) for name in (*names, "last_seen", "last_looked", "last_informative")}
+    times = ("last_seen", "last_looked", "last_informative", "fades_at")
+    return {name: getattr(row, name) for name in (*names, *times)}
 
 
 async def clear(town: Any) -> None:
@@ -133,6 +153,7 @@ async def test_order_batches_duplicates_and_workers_change_nothing(road: Any, re
         assert sum(one.fused for one in done) == len(messages)
         result = await believed(road)
         assert any(len(members) > 3 for members in result[1])
+        assert {one["pair"][0] for one in result[1].values() if one["pair"]} == {"moved", "modified"}
         if reference is None:
             reference = result
         assert_equal(result, reference)

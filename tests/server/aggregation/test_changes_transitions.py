@@ -11,11 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamcu_server.changes.belief import Belief, Kind, State
-from slamcu_server.changes.document import change_document, ellipse95
-from slamcu_server.changes.transitions import Published, Transition, decide, leaves
+from slamcu_core.aggregation import ClassPolicy
+from slamcu_server.changes.belief import Belief, Kind, State, Subject
+from slamcu_server.changes.document import claim_document, ellipse95
+from slamcu_server.changes.transitions import Claim, Published, Transition, Voice, decide
 
-ENTER = 0.8
+RULES = ClassPolicy(enter=0.8)
 NOW = datetime(2026, 5, 1, tzinfo=UTC)
 
 
@@ -44,9 +45,14 @@ def belief(**changes: Any) -> Belief:
     return replace(made, **changes)
 
 
+def claim(made: Belief) -> Claim:
+    voice = Voice(Subject(Kind.NEW, 1, candidate_id=1), made, made.standing, made.mass)
+    return Claim(Kind.NEW, standing=made.standing, candidate=voice)
+
+
 def published(state: State, before: Belief | None = None, **changes: Any) -> Published:
-    document = change_document(before or belief(), map_source="m", map_object_id=None, watch_id=1, confirmed_at=NOW)
-    return Published(1, 1, state, 3, document, **changes)
+    document = claim_document(claim(before or belief()), "m", "v", None)
+    return Published(1, 1, Kind.NEW, state, 3, document, candidate_id=1, **changes)
 
 
 @pytest.mark.parametrize(
@@ -67,10 +73,13 @@ def published(state: State, before: Belief | None = None, **changes: Any) -> Pub
         (belief(), published(State.REJECTED, evidence_left=True), Transition(State.CONFIRMED, opens=True)),
         (belief(), published(State.ACCEPTED), Transition(State.CONFIRMED, opens=True)),
         (belief(standing=False), published(State.ACCEPTED), None),
+        (belief(), published(State.ABSORBED), Transition(State.CONFIRMED, opens=True)),
+        (belief(), published(State.CONTRADICTED), None),
+        (belief(), published(State.CONTRADICTED, evidence_left=True), Transition(State.CONFIRMED, opens=True)),
     ],
 )
 def test_what_is_said_next(now: Belief, before: Published | None, expected: Transition | None) -> None:
-    assert decide(now, before, enter=ENTER) == expected
+    assert decide(claim(now), before, RULES) == expected
 
 
 @pytest.mark.parametrize(
@@ -87,20 +96,13 @@ def test_what_is_said_next(now: Belief, before: Published | None, expected: Tran
     ],
 )
 def test_a_confirmed_change_is_said_again_when_it_matters(changes: dict[str, Any], said: bool) -> None:
-    assert (decide(belief(**changes), published(State.CONFIRMED), enter=ENTER) is not None) is said
+    assert (decide(claim(belief(**changes)), published(State.CONFIRMED), RULES) is not None) is said
 
 
 def test_one_vehicle_more_of_many_is_no_news() -> None:
     many = published(State.CONFIRMED, belief(contributors_for=20))
-    assert decide(belief(contributors_for=21), many, enter=ENTER) is None
-    assert decide(belief(contributors_for=25), many, enter=ENTER) is not None
-
-
-def test_evidence_that_leaves_a_rejected_change_is_remembered() -> None:
-    assert leaves(belief(standing=False), published(State.REJECTED))
-    assert not leaves(belief(), published(State.REJECTED))
-    assert not leaves(belief(standing=False), published(State.WITHDRAWN))
-    assert not leaves(belief(standing=False), None)
+    assert decide(claim(belief(contributors_for=21)), many, RULES) is None
+    assert decide(claim(belief(contributors_for=25)), many, RULES) is not None
 
 
 @given(st.floats(0.01, 10.0), st.floats(0.01, 10.0), st.floats(-0.99, 0.99))

@@ -1,0 +1,142 @@
+"""Pair deleted map features with new ones, over whole neighbourhoods, whatever order the evidence came in.
+
+A pair depends on what is near: whoever folds one half anew looks at everything that could be the other half of it, and
+at what that could be the other half of, until nothing is left (`further`). So the stored pairs are a pure function of
+the stored beliefs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import text
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from slamcu_core.aggregation import ClassPolicy, Half, Policy, pair
+from slamcu_server.aggregation import reads
+from slamcu_server.aggregation.bulk import arrays, unnest
+from slamcu_server.aggregation.evidence import covariances, frame_at
+from slamcu_server.changes.belief import Belief, Kind, Pair, Subject
+
+Held = Mapping[int, tuple[Subject, Belief]]
+Place = tuple[int, float, float]  # map id, lon, lat
+
+_PLACE_TYPES = {"map_id": "bigint", "lon": "float8", "lat": "float8"}
+
+
+def may_pair(belief: Belief, rules: ClassPolicy) -> bool:
+    """Whether a belief is strong enough to be half of a change: from where a change would be spoken of."""
+    return belief.standing or belief.mass >= rules.opening_mass
+
+
+def pair_beliefs(features: Held, candidates: Held, policy: Policy) -> tuple[Pair, ...]:
+    """Return which features and candidates are one change."""
+    places: dict[tuple[bool, int], tuple[int, float, float]] = {}
+
+    def halves(held: Held, *, mapped: bool) -> list[Half]:
+        made = []
+        for key in sorted(held):
+            subject, belief = held[key]
+            if may_pair(belief, policy.for_class(belief.feature_class)):
+                places[mapped, key] = (subject.map_id, belief.lon, belief.lat)
+                made.append(_half((mapped, key), belief))
+        return made
+
+    def difference(feature: Half, candidate: Half) -> NDArray[np.float64] | None:
+        one, other = places[feature.key], places[candidate.key]  # type: ignore[index]  # the keys made above
+        if one[0] != other[0] or abs(one[2] - other[2]) > reads.degrees(policy.lock_reach_m):
+            return None
+        frame = frame_at(one[1], one[2])
+        return np.asarray(frame.to_local(other[1], other[2]) - frame.to_local(one[1], one[2]))
+
+    found = pair(halves(features, mapped=True), halves(candidates, mapped=False), difference, policy)
+    return tuple(
+        Pair(Kind.MODIFIED if one.modified else Kind.MOVED, one.feature[1], one.candidate[1])  # type: ignore[index]
+        for one in found
+    )
+
+
+def _half(key: tuple[bool, int], belief: Belief) -> Half:
+    return Half(
+        key=key,
+        order=belief.order,
+        feature_class=belief.feature_class,
+        sign=belief.sign,
+        value=belief.value,
+        covariance=covariances([belief.covariance_m2])[0],
+        begun=tuple(None if time is None else time.timestamp() for time in belief.begun),  # type: ignore[arg-type]
+    )
+
+
+def strong(held: Held, policy: Policy) -> list[Place]:
+    """Return the places of the beliefs that may be halves of a change."""
+    return [
+        (subject.map_id, belief.lon, belief.lat)
+        for subject, belief in held.values()
+        if may_pair(belief, policy.for_class(belief.feature_class))
+    ]
+
+
+async def stored_partners(
+    connection: AsyncConnection, features: Collection[int], candidates: Collection[int]
+) -> list[tuple[int, int]]:
+    """Return (candidate, feature) of the stored pairs of these, and of those whose candidate is none any more."""
+    result = await connection.execute(
+        text("""
+        SELECT id, pair_feature_id FROM candidates WHERE pair_feature_id IS NOT NULL AND (
+            pair_feature_id = ANY(CAST(:features AS bigint[])) OR id = ANY(CAST(:candidates AS bigint[]))
+            OR merged_into IS NOT NULL OR feature_id IS NOT NULL)"""),
+        {"features": sorted(features), "candidates": sorted(candidates)},
+    )
+    return [(row.id, row.pair_feature_id) for row in result]
+
+
+async def candidates_beside(
+    connection: AsyncConnection, places: Iterable[Place], ids: Iterable[int], reach_m: float
+) -> dict[int, Place]:
+    """Return the open candidates near places, and those with these ids, each with its founding place."""
+    rows = [dict(zip(_PLACE_TYPES, place, strict=True)) for place in reads.both_sides(sorted(set(places)))]
+    result = await connection.execute(
+        text(f"""
+        SELECT c.id, c.map_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat
+        FROM candidates c JOIN passes p ON p.id = c.founding_pass
+        WHERE c.merged_into IS NULL AND c.feature_id IS NULL AND (c.id = ANY(CAST(:ids AS bigint[])) OR c.id IN (
+            SELECT near.id FROM {unnest(_PLACE_TYPES)} JOIN candidates near
+            ON near.map_id = r.map_id AND near.geom && {reads.box("r")}
+            AND near.merged_into IS NULL AND near.feature_id IS NULL))"""),  # noqa: S608  (constants)
+        {**arrays(_PLACE_TYPES, rows), "reach": reads.degrees(reach_m), "ids": sorted(set(ids))},
+    )
+    return {row.id: (row.map_id, row.lon, row.lat) for row in result}
+
+
+async def features_beside(connection: AsyncConnection, places: Iterable[Place], reach_m: float) -> set[int]:
+    """Return the features of the current maps near places against which anything was reported."""
+    rows = [dict(zip(_PLACE_TYPES, place, strict=True)) for place in reads.both_sides(sorted(set(places)))]
+    result = await connection.execute(
+        text(f"""
+        SELECT DISTINCT v.feature_id FROM {unnest(_PLACE_TYPES)}
+        JOIN feature_versions v ON v.map_id = r.map_id AND v.to_sequence IS NULL AND v.geom && {reads.box("r")}
+        JOIN feature_states s ON s.feature_id = v.feature_id AND s.weight_against > 0"""),  # noqa: S608  (constants)
+        {**arrays(_PLACE_TYPES, rows), "reach": reads.degrees(reach_m)},
+    )
+    return {row.feature_id for row in result}
+
+
+async def write_pairs(connection: AsyncConnection, pairs: Sequence[Pair], candidates: Iterable[int]) -> None:
+    """Say of candidates with which map features they are one change, or with none."""
+    types = {"id": "bigint", "feature": "bigint", "kind": "text"}
+    partners = {one.candidate_id: one for one in pairs}
+    rows = [
+        {"id": key, "feature": partners[key].feature_id, "kind": partners[key].kind.value}
+        if key in partners
+        else {"id": key, "feature": None, "kind": None}
+        for key in sorted(set(candidates))
+    ]
+    await connection.execute(
+        text(f"""
+        UPDATE candidates c SET pair_feature_id = r.feature, pair_kind = r.kind FROM {unnest(types)}
+        WHERE c.id = r.id AND (c.pair_feature_id, c.pair_kind) IS DISTINCT FROM (r.feature, r.kind)"""),  # noqa: S608
+        arrays(types, rows),
+    )

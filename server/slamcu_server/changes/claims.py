@@ -1,0 +1,101 @@
+"""What beliefs claim of the map: each alone, or a deleted feature and a new one together. Pure.
+
+Two halves are one `moved` or `modified` change once both stand. Before that nothing is held up that a provider needs:
+a deletion that stands is told as such, and becomes the other kind when the new half stands too. Only a new feature
+beside which a deletion is under way waits for it, because it always stands earlier (two contributors, and no prior to
+overcome), until `pair_patience` contributors have seen it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from slamcu_core.aggregation import ClassPolicy, Policy, kept_at
+from slamcu_core.evidence import masses_from_weights
+from slamcu_server.changes.belief import DENIED, Belief, Beliefs, Kind, Pair, State, Subject
+from slamcu_server.changes.transitions import Claim, Published, Voice
+
+
+@dataclass(frozen=True, slots=True)
+class Voices:
+    """Every belief as it reads now."""
+
+    features: Mapping[int, Voice]
+    candidates: Mapping[int, Voice]
+
+
+def read(beliefs: Beliefs, policy: Policy, as_of: Mapping[int, datetime]) -> Voices:
+    """Read beliefs as of a time of each map: what nobody has looked at for long has faded."""
+    features: dict[int, Voice] = {}
+    candidates: dict[int, Voice] = {}
+    for subject, belief in beliefs.about:
+        voice = _voice(subject, belief, policy.for_class(belief.feature_class), as_of.get(subject.map_id))
+        if subject.feature_id is not None:
+            features[subject.feature_id] = voice
+        elif subject.candidate_id is not None:
+            candidates[subject.candidate_id] = voice
+    return Voices(features, candidates)
+
+
+def _voice(subject: Subject, belief: Belief, rules: ClassPolicy, as_of: datetime | None) -> Voice:
+    kept = 1.0
+    if as_of is not None and belief.last_informative is not None:
+        kept = kept_at(belief.last_informative.timestamp(), as_of.timestamp(), rules)
+    exists, not_exists, _ = masses_from_weights(kept * belief.weight_for, kept * belief.weight_against)
+    faded = as_of is not None and belief.fades_at is not None and as_of >= belief.fades_at
+    mass = float(exists if belief.kind is Kind.NEW else not_exists)
+    return Voice(subject, belief, belief.standing and not faded, mass, faded=faded)
+
+
+def claims(voices: Voices, pairs: Iterable[Pair], known: Sequence[Published], policy: Policy) -> list[Claim]:
+    """Return what is claimed: what speaks first, in an order that does not depend on what was folded when."""
+    made: list[Claim] = []
+    paired: set[tuple[bool, int]] = set()
+    for one in pairs:
+        feature, candidate = voices.features[one.feature_id], voices.candidates[one.candidate_id]
+        rules = policy.for_class(feature.belief.feature_class)
+        if not (_speaks(feature, rules) and _speaks(candidate, rules)):
+            continue
+        if _denied(feature, known) or _denied(candidate, known):
+            continue  # the provider has spoken about one of them: the other speaks for itself
+        confirmed = any(row.state is State.CONFIRMED for row in known if row.is_about(feature, candidate))
+        made.append(_together(one.kind, feature, candidate, waits=not confirmed and _waits(candidate, rules)))
+        paired |= {(True, one.feature_id), (False, one.candidate_id)}
+    for mapped, held in ((True, voices.features), (False, voices.candidates)):
+        made += [_alone(held[key]) for key in sorted(held) if (mapped, key) not in paired]
+    return sorted(made, key=lambda claim: not claim.standing and claim.mass < _closing(claim, policy))
+
+
+def _together(kind: Kind, feature: Voice, candidate: Voice, *, waits: bool) -> Claim:
+    if feature.standing and not candidate.standing:
+        return Claim(Kind.DELETED, standing=True, feature=feature, beside=candidate)
+    if candidate.standing and not feature.standing and not waits:
+        return Claim(Kind.NEW, standing=True, candidate=candidate, beside=feature)
+    return Claim(kind, standing=feature.standing and candidate.standing, feature=feature, candidate=candidate)
+
+
+def _alone(voice: Voice) -> Claim:
+    if voice.belief.kind is Kind.NEW:
+        return Claim(Kind.NEW, standing=voice.standing, candidate=voice)
+    return Claim(Kind.DELETED, standing=voice.standing, feature=voice)
+
+
+def _speaks(voice: Voice, rules: ClassPolicy) -> bool:
+    return voice.standing or voice.mass >= rules.closing_mass
+
+
+def _closing(claim: Claim, policy: Policy) -> float:
+    return policy.for_class(claim.leading.belief.feature_class).closing_mass
+
+
+def _waits(candidate: Voice, rules: ClassPolicy) -> bool:
+    return candidate.belief.contributors_for < rules.pair_patience
+
+
+def _denied(voice: Voice, known: Sequence[Published]) -> bool:
+    """Whether the newest change about something was rejected, and its evidence has not left since."""
+    mine = [row for row in known if row.is_about(voice)]
+    newest = max(mine, key=lambda row: row.id, default=None)
+    return newest is not None and newest.state in DENIED and not newest.evidence_left
