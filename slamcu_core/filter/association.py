@@ -27,14 +27,14 @@ class Marginal:
     covariance: Array
 
 
-def marginalise(deviation: Array, weights: Array, reference: Array, extra: Array) -> Marginal:
+def marginalise(deviation: Array, weights: Array, reference: Array, extra: Array, scratch: Array) -> Marginal:
     """Average predicted measurements over the particles.
 
     They are given as deviations (2, F, M) from reference measurements (2, F); `extra` (3, F) is added to their
-    covariance, in place.
+    covariance, in place; `scratch` (2, F, M) is memory to work in.
     """
     offset = deviation @ weights
-    weighted = deviation * weights
+    weighted = np.multiply(deviation, weights, out=scratch)
     extra[0] += np.vecdot(weighted[0], deviation[0]) - offset[0] * offset[0]
     extra[1] += np.vecdot(weighted[0], deviation[1]) - offset[0] * offset[1]
     extra[2] += np.vecdot(weighted[1], deviation[1]) - offset[1] * offset[1]

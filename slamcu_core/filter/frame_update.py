@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from slamcu_core.filter.association import associate
 from slamcu_core.filter.calibration import SensorCalibration
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
+from slamcu_core.filter.scratch import Scratch
 from slamcu_core.filter.table import FeatureTable
 from slamcu_core.filter.view import Seen, View, look
 from slamcu_core.models import Jacobian, SensorModel, Sight
@@ -55,6 +56,7 @@ class FrameUpdate:
     particles: Particles
     calibration: SensorCalibration
     parameters: FilterParameters
+    scratch: Scratch = field(default_factory=Scratch)
 
     def look(self, rows: Index, weights: Array, mean_pose: Array, occluders: tuple[Occluder, ...]) -> View:
         """Predict what the sensor should see of the given rows, which have the car's own finds last."""
@@ -67,6 +69,7 @@ class FrameUpdate:
             weights=weights,
             mean_pose=mean_pose,
             occluders=occluders,
+            scratch=self.scratch,
         )
 
     def pre_associate(self, view: View, seen: Seen) -> tuple[Index, Array]:

@@ -13,6 +13,7 @@ from slamcu_core.filter import ekf
 from slamcu_core.filter.association import Marginal, marginalise
 from slamcu_core.filter.calibration import SensorCalibration
 from slamcu_core.filter.particles import Particles
+from slamcu_core.filter.scratch import Scratch
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
 from slamcu_core.geometry import wrap_angle, wrap_in_place
 from slamcu_core.models import SensorModel, Sight, occlusion_probability, visibility_probability
@@ -84,6 +85,7 @@ def look(
     weights: Array,
     mean_pose: Array,
     occluders: tuple[Occluder, ...],
+    scratch: Scratch,
 ) -> View:
     """Predict what a sensor should see of the given rows, which have the car's own finds last."""
     mapped = len(rows) - int(np.count_nonzero(table.kind[rows] == Kind.NEW))
@@ -94,12 +96,13 @@ def look(
     spread = table.covariance.T.take(rows, axis=1)
     spread[:, mapped:] = particles.covariances.take(slots, axis=1) @ weights
     place, direction = model.origin(particles.pose)
-    delta = np.empty((2, len(rows), len(particles)))
+    memory = scratch.array(7, len(rows), len(particles))
+    delta = memory[:2]
     np.subtract(xy[:, :mapped, None], place[:, None], out=delta[:, :mapped])
     np.subtract(own, place[:, None], out=delta[:, mapped:])
-    sight = model.sight_along(particles.pose, delta, direction)
+    sight = model.sight_along(particles.pose, delta, direction, out=memory[2:4])
     mean_distance = sight.distance @ weights
-    reference, deviation, bearing = _deviations(model, particles, sight, int(weights.argmax()))
+    reference, deviation, bearing = _deviations(model, particles, sight, int(weights.argmax()), memory[4:])
     visible = visibility_probability(model.sensor, sight.distance, bearing, weights)
     # by place and by pending noise: H Σ Hᵀ where the mean pose sees the mean place
     centre = model.sight(mean_pose[:, None], xy)
@@ -108,7 +111,7 @@ def look(
     by_motion = _by_motion(model.by_pose(centre, by_feature), particles.pending_covariance(weights))
     extra = by_place + by_motion
     extra[::2] += calibration.measurement_variance(mean_distance)
-    marginal = marginalise(deviation, weights, reference, extra)
+    marginal = marginalise(deviation, weights, reference, extra, scratch=delta)
     hidden = np.zeros(len(rows))
     if occluders:
         bearing_std = np.sqrt(marginal.covariance[2]) if model.has_bearing else np.full(len(rows), 0.01)
@@ -116,10 +119,13 @@ def look(
     return View(rows, mapped, visible, hidden, marginal, by_place[::2], by_motion[::2])
 
 
-def _deviations(model: SensorModel, particles: Particles, sight: Sight, best: int) -> tuple[Array, Array, Array]:
+def _deviations(
+    model: SensorModel, particles: Particles, sight: Sight, best: int, out: Array
+) -> tuple[Array, Array, Array]:
     """Return what the best particle should measure (2, F), what all differ from that (2, F, M), and bearings (F, M).
 
-    Measurements are as each particle's calibration makes the sensor show them; bearings are true, within ±2π.
+    Measurements are as each particle's calibration makes the sensor show them; bearings are true, within ±2π. `out`
+    (3, F, M) takes them up.
     """
     scale, turn = particles.calibration
     if not model.has_bearing:
@@ -127,14 +133,14 @@ def _deviations(model: SensorModel, particles: Particles, sight: Sight, best: in
         reference = predicted[:, :, best].copy()
         return reference, predicted - reference[:, :, None], wrap_angle(sight.bearing)
     reference = np.empty((2, len(sight.distance)))
-    deviation = np.empty((2, *sight.distance.shape))
+    deviation, bearing = out[:2], out[2]
     np.multiply(sight.distance, 1.0 + scale, out=deviation[0])
     reference[0], reference[1] = deviation[0, :, best], sight.bearing[:, best]
     deviation[0] -= reference[0, :, None]
     beside = np.subtract(sight.bearing, reference[1, :, None], out=deviation[1])
-    wrap_in_place(beside)
-    wrap_in_place(reference[1])
-    bearing = beside + reference[1, :, None]
+    wrap_in_place(beside, scratch=bearing)
+    reference[1] = wrap_angle(reference[1])
+    np.add(beside, reference[1, :, None], out=bearing)
     beside += turn - turn[best]
     reference[1] += turn[best]
     return reference, deviation, bearing

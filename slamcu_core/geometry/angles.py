@@ -17,9 +17,10 @@ def wrap_angle(angle: Angle) -> Angle:
     return wrapped
 
 
-def wrap_in_place(angle: NDArray[np.float64]) -> None:
-    """Wrap an array of angles into [-pi, pi], radians."""
-    turns = np.rint(angle * (0.5 / np.pi))
+def wrap_in_place(angle: NDArray[np.float64], scratch: NDArray[np.float64] | None = None) -> None:
+    """Wrap an array of angles into [-pi, pi], radians; `scratch` is memory of the same shape to work in."""
+    turns = np.multiply(angle, 0.5 / np.pi, out=scratch)
+    turns = np.rint(turns, out=scratch)
     turns *= 2.0 * np.pi
     angle -= turns
 

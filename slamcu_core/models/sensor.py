@@ -97,9 +97,12 @@ class SensorModel:
         place, direction = self.origin(pose)
         return self.sight_along(pose, _difference(points, place), direction)
 
-    def sight_along(self, pose: Array, delta: Array, direction: Array) -> Sight:
-        """Return how points at `delta` (2, ...) from a sensor with an axis in the given direction look."""
-        squares = delta * delta
+    def sight_along(self, pose: Array, delta: Array, direction: Array, out: Array | None = None) -> Sight:
+        """Return how points at `delta` (2, ...) from a sensor with an axis in the given direction look.
+
+        `out` (2, ...) is memory for distances and bearings.
+        """
+        squares = np.multiply(delta, delta, out=out)
         distance = np.add(squares[0], squares[1], out=squares[0, ...])
         np.sqrt(distance, out=distance)
         bearing = np.arctan2(delta[1], delta[0], out=squares[1, ...])
