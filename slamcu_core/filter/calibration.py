@@ -52,7 +52,8 @@ class GnssBias:
         self._time = t
         innovation = fix[:, None] - particles.state[:2] - particles.gnss_bias
         total = self._variance + white
-        particles.log_weight -= 3.0 * np.log1p(np.sum(innovation**2, axis=0) / (4.0 * total))
+        far = np.log1p(np.sum(innovation**2, axis=0) / (4.0 * total))
+        particles.log_weight = particles.log_weight - 3.0 * far
         gain = self._variance / total
         particles.gnss_bias += gain * innovation
         self._variance *= 1.0 - gain

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from slamcu_core.evidence import LAMBDA_MAX, masses_from_weights
 from slamcu_core.filter.parameters import FilterParameters
-from slamcu_core.filter.table import FeatureTable, Kind
+from slamcu_core.filter.table import FeatureTable, Kind, Sum
 
 Array = NDArray[np.float64]
 
@@ -33,19 +33,14 @@ def temper(dt: float, correlation_time: float) -> float:
     return 1.0 if correlation_time <= 0.0 else min(1.0, dt / correlation_time)
 
 
-def add(table: FeatureTable, rows: NDArray[np.intp], weight_for: Array, weight_against: Array, cap: float) -> None:
-    """Combine weights of evidence into rows (eq. 5); a row's evidence is capped by scaling both its weights."""
-    table.pass_for[rows] += weight_for
-    table.pass_against[rows] += weight_against
-    total_for = table.weight_for[rows] + weight_for
-    total_against = table.weight_against[rows] + weight_against
-    top = np.maximum(total_for, total_against)
-    if top.max(initial=0.0) > cap:
-        scale = cap / np.maximum(top, cap)
-        total_for *= scale
-        total_against *= scale
-    table.weight_for[rows] = total_for
-    table.weight_against[rows] = total_against
+def add(table: FeatureTable, rows: NDArray[np.intp], sums: Array, cap: float) -> None:
+    """Add sums (9, F), as in `Sum`, to the evidence of rows (eq. 5); evidence is capped by scaling both its weights."""
+    held = table.evidence.take(rows, axis=0)
+    held += sums.T
+    weights = held[:, : Sum.PASS_FOR]
+    if weights.max(initial=0.0) > cap:
+        weights *= (cap / np.maximum(weights.max(axis=1), cap))[:, None]
+    table.evidence[rows] = held
 
 
 def miss_weight(probability: Array, miss_confidence: float) -> Array:

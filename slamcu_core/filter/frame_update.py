@@ -77,7 +77,7 @@ class FrameUpdate:
 
         A detection read as another sign or value than the map's is not a confirmation of it, however near it is.
         """
-        shows = np.maximum(view.visible * (1.0 - view.hidden), 0.05)
+        shows = np.maximum(view.shown, 0.05)
         log_prior = np.log(np.maximum(existence.probability(self.table, view.rows) * shows, 1e-3))
         fits = seen.feature_class[:, None] == self.table.feature_class[view.rows]
         if seen.named:

@@ -15,8 +15,9 @@ from slamcu_core.filter.existence import State
 from slamcu_core.filter.neighbourhood import Neighbourhood
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
-from slamcu_core.filter.table import FeatureTable, Kind
+from slamcu_core.filter.table import FeatureTable, Kind, Sum
 from slamcu_core.filter.view import Seen, View
+from slamcu_core.geometry import rotation
 from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]
@@ -59,35 +60,41 @@ class MapManagement:
         table, parameters = self._table, self._parameters
         self._speed = now.speed
         detections, columns = matched
-        hit = np.zeros(len(view.rows), dtype=bool)
+        rows, hit = view.rows, np.zeros(len(view.rows), dtype=bool)
         hit[columns] = True
-        self._keep_passes(view, hit, now.t)
-        hit_rows = view.rows[columns]
-        looked = view.visible * (1.0 - view.hidden)
-        chance = looked * existence.detectability(
-            table, view.rows, model.sensor.detection_probability, parameters.detection_concentration
-        )
-        missed = (~hit & (view.visible > 0.05)) * now.share
-        weight_for = np.zeros(len(hit))
-        weight_for[columns] = now.share * seen.weight[detections]
-        weight_against = missed * existence.miss_weight(chance, parameters.miss_confidence)
-        existence.add(table, view.rows, weight_for, weight_against, parameters.evidence_cap)
-        table.looks_missed[view.rows] += missed * looked
-        table.hits[hit_rows] += 1
-        if len(hit_rows):
+        sums = np.zeros((9, len(rows)))
+        self._keep_passes(view, hit, now.t, sums)
+        nominal = model.sensor.detection_probability
+        chance = existence.detectability(table, rows, nominal, parameters.detection_concentration)
+        chance *= view.shown
+        missed = (view.visible > 0.05) * now.share
+        missed[columns] = 0.0
+        sums[Sum.PASS_FOR, columns] = now.share * seen.weight[detections]
+        np.multiply(missed, existence.miss_weight(chance, parameters.miss_confidence), out=sums[Sum.PASS_AGAINST])
+        sums[: Sum.PASS_FOR] = sums[Sum.PASS_FOR : Sum.LOOKS_HIT]
+        np.multiply(missed, view.shown, out=sums[Sum.LOOKS_MISSED])
+        existence.add(table, rows, sums, parameters.evidence_cap)
+        if len(columns):
+            hit_rows = rows[columns]
+            table.hits[hit_rows] += 1
             self._sight(model, hit_rows, seen, detections, now)
 
-    def _keep_passes(self, view: View, hit: NDArray[np.bool_], t: float) -> None:
+    def _keep_passes(self, view: View, hit: NDArray[np.bool_], t: float, sums: Array) -> None:
+        """Open passes of what came into view, and count the frame for them in sums (9, F)."""
         table, rows = self._table, view.rows
-        looking = hit | (view.visible > 0.5)
+        looking = view.visible > 0.5
+        looking |= hit
         fresh = rows[looking & ~table.open[rows]]
         if len(fresh):
             self._begin_passes(fresh, t)
-        blocked = looking & ~hit & (view.hidden > 0.5)
         table.pass_last[rows[looking]] = t
-        table.detected[rows] += hit
-        table.blocked[rows] += blocked
-        table.missed[rows] += looking & ~hit & ~blocked
+        sums[Sum.DETECTED] = hit
+        looking &= ~hit
+        if view.shown is not view.visible:
+            blocked = looking & (view.hidden > 0.5)
+            sums[Sum.BLOCKED] = blocked
+            looking &= ~blocked
+        sums[Sum.MISSED] = looking
 
     def _begin_passes(self, rows: Index, t: float) -> None:
         self._table.begin_passes(rows, t)
@@ -107,25 +114,36 @@ class MapManagement:
     def _sight(self, model: SensorModel, rows: Index, seen: Seen, detections: Index, now: Instant) -> None:
         """Note where rows were seen, for their reports and for whether they stand still."""
         table = self._table
+        here, heading = now.pose[:2], rotation(float(now.pose[2]))
         measured, noise = seen.measurement[:, detections], seen.noise[:, detections]
-        (x, y), (xx, xy, yy) = model.placed(now.pose, measured, noise)
+        ahead_left = seen.ahead_left[:, detections]
+        x, y = heading @ ahead_left + here[:, None]
+        xx, xy, yy = model.information(heading @ seen.toward[:, detections], measured, noise)
         weight = 1.0 / noise[0]
-        vector = xx * x + xy * y, xy * x + yy * y
-        sums = xx, xy, xy, yy, *vector, weight, weight * now.pose[0], weight * now.pose[1]
-        table.sighted[rows] += np.array(sums).T  # in the order of its parts
+        sums = np.empty((9, len(rows)))  # in the order of the parts of `sighted`
+        sums[0], sums[1], sums[2], sums[3] = xx, xy, xy, yy
+        sums[4], sums[5] = xx * x + xy * y, xy * x + yy * y
+        sums[6], sums[7], sums[8] = weight, weight * here[0], weight * here[1]
+        table.sighted[rows] += sums.T
         own = (table.kind[rows] == Kind.NEW).nonzero()[0]
         if len(own):
-            self._track(model, rows[own], measured[:, own], weight[own], now)
+            self._track(rows[own], ahead_left[:, own], weight[own], now)
             self._vote(rows[own], seen, detections[own])
 
-    def _track(self, model: SensorModel, rows: Index, measured: Array, weight: Array, now: Instant) -> None:
-        """Add sightings (2, A) of finds to the regressions that tell whether they stand still."""
+    def _track(self, rows: Index, ahead_left: Array, weight: Array, now: Instant) -> None:
+        """Add sightings (2, A) of finds from the vehicle to the regressions that tell whether they stand still."""
         table = self._table
         since = now.t - table.born[rows]
         # by dead reckoning, for a correction of the pose would look like motion
-        moved = model.invert(now.reckoned[:, None], measured).T - table.origin[rows]
-        along = (moved * table.axis[rows]).sum(axis=1)
-        table.track[rows] += (weight * np.array([np.ones_like(since), since, since**2, along, since * along])).T
+        moved = (rotation(float(now.reckoned[2])) @ ahead_left).T + (now.reckoned[:2] - table.origin[rows])
+        moved *= table.axis[rows]
+        sums = np.empty((5, len(rows)))
+        sums[0] = weight
+        np.multiply(weight, since, out=sums[1])
+        np.multiply(sums[1], since, out=sums[2])
+        np.multiply(weight, moved[:, 0] + moved[:, 1], out=sums[3])
+        np.multiply(sums[3], since, out=sums[4])
+        table.track[rows] += sums.T
 
     def _vote(self, rows: Index, seen: Seen, detections: Index) -> None:
         """Let detections that were read say what sign finds are."""
@@ -168,11 +186,10 @@ class MapManagement:
         if model.has_bearing:
             measured[0] /= 1.0 + particles.calibration[0]
             measured[1] -= particles.calibration[1]
-        pose = particles.pose
-        place = model.invert(pose, measured)
+        place, by_feature = model.born(particles.pose, measured)
         noise = seen.noise[:, detection, None] / now.share
         particles.means[:, slot] = place
-        particles.covariances[:, slot] = birth_covariance(model.feature_jacobian(pose, place), noise)
+        particles.covariances[:, slot] = birth_covariance(by_feature, noise)
         codes = {
             "feature_class": int(seen.feature_class[detection]),
             "sign": int(seen.sign[detection]),

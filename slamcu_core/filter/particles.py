@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ class Particles:
     gnss_bias: Array  # (2, M) mean of the satellite receiver's bias, m
     calibration: Array  # (2, M) mean range scale error and bearing bias (rad)
     pending: Array | None = None  # (3, 2, M): the pose waits for this times a standard normal (2,) to be added
+    _weights: tuple[Array, Array] | None = field(default=None, init=False)  # of which `log_weight`, and they
 
     @classmethod
     def sample(
@@ -66,9 +67,22 @@ class Particles:
 
     @property
     def weights(self) -> Array:
-        """Normalised weights (M,)."""
-        weight = np.exp(self.log_weight - self.log_weight.max())
-        return np.asarray(weight / weight.sum())
+        """Normalised weights (M,); once asked for, `log_weight` can be replaced but no longer changed in place."""
+        if self._weights is not None and self._weights[0] is self.log_weight:
+            return self._weights[1]
+        weights: Array = np.exp(self.log_weight - self.log_weight.max())
+        weights /= np.add.reduce(weights)
+        self.log_weight.flags.writeable = weights.flags.writeable = False
+        self._weights = self.log_weight, weights
+        return weights
+
+    def __getstate__(self) -> dict[str, object]:
+        return {item.name: getattr(self, item.name) for item in fields(self) if item.name != "_weights"}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self._weights = None
+        for name, value in state.items():
+            setattr(self, name, value)
 
     @property
     def effective(self) -> float:

@@ -30,7 +30,7 @@ from slamcu_core.filter.resampling import resample
 from slamcu_core.filter.riders import Riders
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
 from slamcu_core.filter.view import Seen, View, read_detections
-from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass, wrap_angle
+from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass, rotation, wrap_angle
 from slamcu_core.hd_map import HDMap
 from slamcu_core.models import SensorModel, advance, yaw_rate_from_steering
 from slamcu_core.reports import Health, PassReport
@@ -214,7 +214,7 @@ class SlamcuFilter:
         self._around.refresh(pose[:2], self._particles)
         rows = self._reachable(sensor, pose)
         if len(rows) or len(record.items):
-            seen = seen.keep(~self._riders.flag(sensor.model, seen, self._odometer))
+            seen = seen.keep(~self._riders.flag(seen, self._odometer))
             occluders = sensor.occluders if record.t - sensor.occluders_at < 0.2 else ()
             view = sensor.update.look(rows, weights, pose, occluders)
             now = Instant(record.t, share, pose, self._reckoned, self._speed)
@@ -249,16 +249,16 @@ class SlamcuFilter:
         matched = columns[detections]
         # noise by the expected range: by the measured one, short readings would weigh more than long ones
         seen.noise[:, detections] = sensor.model.noise(view.marginal.mean[:, matched])
-        shown = view.visible * (1.0 - view.hidden)
         management.update_existence(sensor.model, view, seen, (detections, matched), now)
         # association with Normal and New only (4.3.4), by the classes after this frame's evidence (4.3.3)
         rows = view.rows[matched]
         kind, usable = table.kind[rows], management.supports(rows)
+        promised = float(view.shown[table.kind[view.rows] == Kind.MAP].sum())
         self._monitor.observe(
             squares[detections[usable], matched[usable]].tolist(),
             len(columns),
             len(columns) - len(detections),
-            expected=sensor.model.sensor.detection_probability * float(shown[table.kind[view.rows] == Kind.MAP].sum()),
+            expected=sensor.model.sensor.detection_probability * promised,
             found=int((kind == Kind.MAP).sum()),
             share=now.share,
         )
@@ -275,7 +275,7 @@ class SlamcuFilter:
     def _remember(self, model: SensorModel, seen: Seen, now: Instant) -> None:
         if not seen.measurement.shape[1]:
             return
-        place = model.invert(now.reckoned[:, None], seen.measurement).T
+        place = (rotation(float(now.reckoned[2])) @ seen.ahead_left).T + now.reckoned[:2]
         std = np.sqrt(seen.noise)
         across = seen.measurement[0] * std[1] if model.has_bearing else 0.0
         self._memory.add(Sightings(now.t, place, np.maximum(std[0], across), seen.feature_class, seen.sign))

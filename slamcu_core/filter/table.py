@@ -30,8 +30,6 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     "xy": (np.float64, (2,)),  # m, in the filter's frame
     "covariance": (np.float64, (3,)),  # m²; xx, xy, yy
     "prior": (np.float64, ()),  # weight of eq. 3
-    "weight_for": (np.float64, ()),  # evidence of the whole drive, without the prior
-    "weight_against": (np.float64, ()),
     "hits": (np.int64, ()),
     "born": (np.float64, ()),
     "passes": (np.int64, ()),
@@ -40,13 +38,7 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     "open": (np.bool_, ()),
     "pass_start": (np.float64, ()),
     "pass_last": (np.float64, ()),
-    "pass_for": (np.float64, ()),
-    "pass_against": (np.float64, ()),
-    "detected": (np.int64, ()),
-    "missed": (np.int64, ()),
-    "blocked": (np.int64, ()),
-    "looks_hit": (np.float64, ()),  # independent looks of the pass that found it, and that did not
-    "looks_missed": (np.float64, ()),
+    "evidence": (np.float64, (9,)),  # sums that a frame adds to; its parts are named in _PARTS
     "sighted": (np.float64, (9,)),  # sums over the sightings of the pass; its parts are named in _PARTS
     # regression of place along the road on time: does it stand still?
     "axis": (np.float64, (2,)),  # the road's direction and our place at birth, by dead reckoning
@@ -55,12 +47,28 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
 }
 
 
-_PARTS: dict[str, tuple[slice, tuple[int, ...]]] = {
-    "seen_information": (slice(0, 4), (2, 2)),  # Σ R⁻¹ of sightings in the frame, 1/m²
-    "seen_vector": (slice(4, 6), (2,)),  # Σ R⁻¹ p
-    "view_weight": (slice(6, 7), ()),  # Σ 1/σ_r² of sightings
-    "view_from": (slice(7, 9), (2,)),  # Σ (place of the sensor) / σ_r²
+class Sum:
+    """The columns of `evidence`."""
+
+    WEIGHT_FOR: Final = 0  # of the whole drive, without the prior
+    WEIGHT_AGAINST: Final = 1
+    PASS_FOR: Final = 2
+    PASS_AGAINST: Final = 3
+    LOOKS_HIT: Final = 4  # independent looks of the pass that found it, and that did not
+    LOOKS_MISSED: Final = 5
+    DETECTED: Final = 6  # frames of the pass
+    MISSED: Final = 7
+    BLOCKED: Final = 8
+
+
+_PARTS: dict[str, tuple[str, slice, tuple[int, ...]]] = {
+    **{name.lower(): ("evidence", slice(at, at + 1), ()) for name, at in vars(Sum).items() if name.isupper()},
+    "seen_information": ("sighted", slice(0, 4), (2, 2)),  # Σ R⁻¹ of sightings in the frame, 1/m²
+    "seen_vector": ("sighted", slice(4, 6), (2,)),  # Σ R⁻¹ p
+    "view_weight": ("sighted", slice(6, 7), ()),  # Σ 1/σ_r² of sightings
+    "view_from": ("sighted", slice(7, 9), (2,)),  # Σ (place of the sensor) / σ_r²
 }
+_OF_THE_PASS = slice(Sum.PASS_FOR, None)
 
 
 class FeatureTable:
@@ -77,6 +85,7 @@ class FeatureTable:
     xy: Array
     covariance: Array
     prior: Array
+    evidence: Array
     weight_for: Array
     weight_against: Array
     hits: NDArray[np.int64]
@@ -88,9 +97,9 @@ class FeatureTable:
     pass_last: Array
     pass_for: Array
     pass_against: Array
-    detected: NDArray[np.int64]
-    missed: NDArray[np.int64]
-    blocked: NDArray[np.int64]
+    detected: Array
+    missed: Array
+    blocked: Array
     looks_hit: Array
     looks_missed: Array
     sighted: Array
@@ -123,8 +132,9 @@ class FeatureTable:
     def _bind(self) -> None:
         for name, store in self._store.items():
             setattr(self, name, store[: self._size])
-        for name, (part, shape) in _PARTS.items():
-            setattr(self, name, self.sighted[:, part].reshape(self._size, *shape))
+        for name, (of, part, shape) in _PARTS.items():
+            whole = self._store[of][: self._size, part]
+            setattr(self, name, whole.reshape(self._size, *shape) if len(shape) != 1 else whole)
 
     def add(self, kind: int, *, feature_class: int, sign: int, value: int, prior: float = 0.0) -> int:
         """Take a row into use and return its index."""
@@ -168,8 +178,7 @@ class FeatureTable:
         """Open passes of rows at time t."""
         self.open[rows] = True
         self.pass_start[rows] = t
-        for name in ("pass_for", "pass_against", "detected", "missed", "blocked", "looks_hit", "looks_missed"):
-            self._store[name][rows] = 0
+        self.evidence[rows, _OF_THE_PASS] = 0.0
         self.sighted[rows] = 0.0
         self.passes[rows] += 1
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ class Seen:
 
     measurement: Array  # (2, D)
     noise: Array  # (2, D)
+    ahead_left: Array  # (2, D) m, where they are as seen from the vehicle
+    toward: Array  # (2, D) the direction of the measurement's first axis there
     feature_class: Index
     sign: Index
     value: Index
@@ -53,15 +56,23 @@ def read_detections(model: SensorModel, items: tuple[Detection, ...], names: Voc
     if any(item.sign is not None or item.value is not None for item in items):
         sign = np.array([names.code(item.sign) for item in items], dtype=np.intp)
         value = np.array([names.code(item.value) for item in items], dtype=np.intp)
-    weight = support([item.confidence for item in items])
-    return Seen(measurement, model.noise(measurement), feature_class, sign, value, weight)
+    weight = np.array([_support(item.confidence) for item in items])
+    return Seen(
+        measurement, model.noise(measurement), *model.in_vehicle(measurement), feature_class, sign, value, weight
+    )
+
+
+@lru_cache(1024)
+def _support(confidence: float) -> float:
+    return float(support(confidence))
 
 
 @dataclass(frozen=True, slots=True)
 class View:
     """What one sensor should see at one instant of F rows, the map's first, then the car's own finds.
 
-    `visible` (F,) is P(visible) by field of view, `hidden` (F,) the probability of occlusion. Of the variances of what
+    `visible` (F,) is P(visible) by field of view, `hidden` (F,) the probability of occlusion, `shown` (F,) that neither
+    keeps it from sight. Of the variances of what
     would be measured, `by_place` (2, F) comes from where the feature may be, `by_motion` (2, F) from the pending noise
     of the poses.
     """
@@ -70,6 +81,7 @@ class View:
     mapped: int  # how many of the rows are the map's
     visible: Array
     hidden: Array
+    shown: Array
     marginal: Marginal
     by_place: Array
     by_motion: Array
@@ -112,11 +124,12 @@ def look(
     extra = by_place + by_motion
     extra[::2] += calibration.measurement_variance(mean_distance)
     marginal = marginalise(deviation, weights, reference, extra, scratch=delta)
-    hidden = np.zeros(len(rows))
+    hidden, shown = np.zeros(len(rows)), visible
     if occluders:
         bearing_std = np.sqrt(marginal.covariance[2]) if model.has_bearing else np.full(len(rows), 0.01)
         hidden = occlusion_probability(occluders, mean_distance, wrap_angle(centre.bearing), bearing_std)
-    return View(rows, mapped, visible, hidden, marginal, by_place[::2], by_motion[::2])
+        shown = visible * (1.0 - hidden)
+    return View(rows, mapped, visible, hidden, shown, marginal, by_place[::2], by_motion[::2])
 
 
 def _deviations(

@@ -1,6 +1,6 @@
 """Angles, and the local east-north frame in which all metric work happens."""
 
-from slamcu_core.geometry.angles import compass_to_math, math_to_compass, wrap_angle, wrap_in_place
+from slamcu_core.geometry.angles import compass_to_math, math_to_compass, rotation, wrap_angle, wrap_in_place
 from slamcu_core.geometry.frame import LocalFrame
 
-__all__ = ["LocalFrame", "compass_to_math", "math_to_compass", "wrap_angle", "wrap_in_place"]
+__all__ = ["LocalFrame", "compass_to_math", "math_to_compass", "rotation", "wrap_angle", "wrap_in_place"]

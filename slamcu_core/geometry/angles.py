@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TypeVar
 
 import numpy as np
@@ -23,6 +24,12 @@ def wrap_in_place(angle: NDArray[np.float64], scratch: NDArray[np.float64] | Non
     turns = np.rint(turns, out=scratch)
     turns *= 2.0 * np.pi
     angle -= turns
+
+
+def rotation(angle: float) -> NDArray[np.float64]:
+    """Return the matrix (2, 2) that turns vectors counter-clockwise by an angle in radians."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    return np.array([[cos, -sin], [sin, cos]])
 
 
 def compass_to_math(heading_deg: float) -> float:

@@ -6,6 +6,7 @@ measurements (2, ...), matrices (2, 2, ...). What follows broadcasts, features b
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -160,20 +161,45 @@ class SensorModel:
         x, y = measurement
         return np.array([pose[0] + cos * x - sin * y, pose[1] + sin * x + cos * y])
 
-    def placed(self, pose: Array, measurement: Array, noise: Array) -> tuple[Array, Array]:
-        """Return where measurements (2, A) from one pose (3,) place features, (2, A), and how much they tell of it.
+    def in_vehicle(self, measurement: Array) -> tuple[Array, Array]:
+        """Return where measurements (2, D) are in the vehicle's frame, m, and directions (2, D) of their first axis."""
+        toward = np.zeros_like(measurement)
+        if not self.has_bearing:
+            toward[0] = 1.0
+            return measurement, toward
+        mount = self.sensor.mount
+        angle = measurement[1] + math.radians(mount.yaw_deg)
+        np.cos(angle, out=toward[0])
+        np.sin(angle, out=toward[1])
+        ahead_left = measurement[0] * toward
+        ahead_left[0] += mount.x
+        ahead_left[1] += mount.y
+        return ahead_left, toward
 
-        That is Hᵀ R⁻¹ H as xx, xy, yy (3, A), in 1/m²: 1/σ_r² along the line of sight and 1/(r σ_b)² across it.
+    def information(self, toward: Array, measurement: Array, noise: Array) -> tuple[Array, Array, Array]:
+        """Return how much measurements (2, A) along directions (2, A) tell of a place: Hᵀ R⁻¹ H as xx, xy, yy in 1/m².
+
+        That is 1/σ_r² along the line of sight and 1/(r σ_b)² across it.
         """
-        place = self.invert(pose[:, None], measurement)
-        if not self.has_bearing:  # H is a rotation, and R the same in both axes
-            along = 1.0 / noise[0]
-            return place, np.array([along, np.zeros_like(along), along])
-        angle = self.origin(pose)[1] + measurement[1]
+        along, across = 1.0 / noise
+        if self.has_bearing:
+            distance = np.maximum(measurement[0], 1e-3)
+            across /= distance * distance
+        cos, sin = toward
+        more = (along - across) * cos
+        xx = more * cos + across
+        return xx, more * sin, along + across - xx
+
+    def born(self, pose: Array, measurement: Array) -> tuple[Array, Jacobian]:
+        """Return the points (2, ...) at which measurements (2, ...) place a feature, and H there."""
+        if not self.has_bearing:
+            return self.invert(pose, measurement), Jacobian(np.cos(pose[2]), np.sin(pose[2]), 1.0)
+        place, direction = self.origin(pose)
+        angle = direction + measurement[1]
         cos, sin = np.cos(angle), np.sin(angle)
-        along, across = 1.0 / noise[0], 1.0 / (noise[1] * np.maximum(measurement[0], 1e-3) ** 2)
-        xy = (along - across) * cos * sin
-        return place, np.array([along * cos * cos + across * sin * sin, xy, along * sin * sin + across * cos * cos])
+        distance = np.maximum(measurement[0], 1e-3)
+        points = np.array([place[0] + distance * cos, place[1] + distance * sin])
+        return points, Jacobian(cos, sin, 1.0 / distance)
 
     def noise(self, measurement: ArrayLike) -> Array:
         """Return the variances (2, ...) of R_t for measurements (2, ...); range noise grows with range."""

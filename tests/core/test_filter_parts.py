@@ -114,8 +114,7 @@ def _cloud(count: int, rng: np.random.Generator) -> Particles:
 def test_effective_number_is_m_for_even_weights_and_one_for_a_single_survivor() -> None:
     particles = _cloud(50, np.random.default_rng(0))
     assert particles.effective == pytest.approx(50.0)
-    particles.log_weight[:] = -1e4
-    particles.log_weight[7] = 0.0
+    particles.log_weight = np.where(np.arange(50) == 7, 0.0, -1e4)
     assert particles.effective == pytest.approx(1.0)
 
 

@@ -14,7 +14,18 @@ from slamcu_core.reports import Health
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs/filter.md").read_text(encoding="utf-8")
-_NO_STEP = {"__init__", "parameters", "particles", "table", "passes", "estimates", "beliefs", "slamcu", "frame_update"}
+_NO_STEP = {
+    "__init__",
+    "parameters",
+    "particles",
+    "table",
+    "passes",
+    "estimates",
+    "beliefs",
+    "slamcu",
+    "frame_update",
+    "scratch",
+}
 
 
 @pytest.mark.parametrize("name", [item.name for item in (*fields(FilterParameters), *fields(Health))])

@@ -96,7 +96,7 @@ def all_stand(table: Any, rows: Index, _speed: float, parameters: Any) -> NDArra
     return np.asarray(table.hits[rows] >= parameters.minimum_hits)
 
 
-def nothing_rides(_self: object, _model: object, seen: Any, _odometer: float) -> NDArray[np.bool_]:
+def nothing_rides(_self: object, seen: Any, _odometer: float) -> NDArray[np.bool_]:
     """Stand in for `Riders.flag`: every detection is taken to belong to the road."""
     return np.zeros(len(seen.measurement), dtype=bool)
 
