@@ -156,6 +156,38 @@ def rebuild(
     asyncio.run(run())
 
 
+@app.command("recompute-trust")
+def recompute_trust(data_dir: DataDir = None) -> None:
+    """Judge what contributors said by what others said, make the next trust version, and fold again what it changes.
+
+    Workers do the same every SLAMCU_TRUST_INTERVAL_S. Prints a line for each contributor whose standing has changed:
+    account id, tab, share of the policy's trust, tab, right and wrong verdicts.
+    """
+    from slamcu_server.aggregation import policy  # noqa: PLC0415  (the other commands start faster)
+    from slamcu_server.retraction import corrections  # noqa: PLC0415
+    from slamcu_server.trust import job  # noqa: PLC0415
+
+    settings = Settings.load(data_dir=data_dir)
+    rules = policy.load_policy(settings.policy_file)
+
+    async def run() -> job.Recomputed | None:
+        async with open_database(settings, application_name="slamcu-cli") as engine:
+            done = await job.recompute(engine)
+            await corrections.correct_all(engine, rules)
+            return done
+
+    done = asyncio.run(run())
+    if done is None:
+        raise SlamcuError("another process is recomputing trust")
+    for account, standing in done.contributors.items():
+        counted = standing.counted
+        typer.echo(f"{account}\t{standing.share:.2f}\t{counted.right}\t{counted.wrong}")
+    _say(
+        f"trust version {done.version}: {done.judged} verdicts, {len(done.contributors)} contributors stand otherwise, "
+        f"{len(done.gated)} sessions gated, {len(done.released)} let in again"
+    )
+
+
 @app.command("import-map")
 def import_map(
     path: Annotated[Path, typer.Argument(metavar="FILE", help="An HD map in GeoJSON.")],

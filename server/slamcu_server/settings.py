@@ -62,6 +62,11 @@ class Settings(BaseSettings):
     # What is done with it
     embedded_worker: bool = Field(True, description="Aggregate in the serving process.")
     policy_file: Path | None = Field(None, description="The aggregation policy; unset: the built-in one.")
+    trust_interval_s: float = Field(
+        3600.0,
+        ge=0,
+        description="How often a worker recomputes the trust in contributors from their records; 0: never.",
+    )
     message_retention_days: float = Field(
         30.0, gt=0, description="How long the body of an aggregated message is kept; its identity stays."
     )

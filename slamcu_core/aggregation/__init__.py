@@ -22,10 +22,22 @@ from slamcu_core.aggregation.law import (
 from slamcu_core.aggregation.pairing import Half, Pairing, pair
 from slamcu_core.aggregation.policy import ClassPolicy, Policy
 from slamcu_core.aggregation.position import FusedPosition, fuse_positions
+from slamcu_core.aggregation.record import (
+    About,
+    Tally,
+    Testimony,
+    Verdict,
+    has_record,
+    is_gated,
+    judge,
+    tally,
+    trust_share,
+)
 from slamcu_core.aggregation.trust import Trusts
 
 __all__ = [
     "EPOCH_S",
+    "About",
     "ClassPolicy",
     "Clusters",
     "Contribution",
@@ -41,7 +53,10 @@ __all__ = [
     "PassEvidence",
     "Policy",
     "Side",
+    "Tally",
+    "Testimony",
     "Trusts",
+    "Verdict",
     "cluster",
     "connected_groups",
     "contributions",
@@ -54,6 +69,11 @@ __all__ = [
     "fold_each",
     "fold_histories",
     "fuse_positions",
+    "has_record",
+    "is_gated",
+    "judge",
     "kept_at",
     "pair",
+    "tally",
+    "trust_share",
 ]

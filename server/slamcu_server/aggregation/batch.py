@@ -31,6 +31,7 @@ from slamcu_server.aggregation.resolve import (
 )
 from slamcu_server.changes import feed
 from slamcu_server.retraction import marks
+from slamcu_server.trust.table import trusting
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +86,7 @@ async def _fuse(
     connection: AsyncConnection, claimed: Sequence[ClaimedMessage], policy: Policy, further: frozenset[Cell]
 ) -> Fused:
     retractions = await marks.hold(connection)
+    policy = await trusting(connection, policy)
     reports, reasons = await asyncio.to_thread(_decode, claimed)
     known = await reads.lookups(connection, reports.values())
     resolved, unresolvable = _resolve(claimed, reports, known)

@@ -19,6 +19,7 @@ from slamcu_server.aggregation.pairs import Held, pair_beliefs
 from slamcu_server.aggregation.policy import remember_policy
 from slamcu_server.aggregation.refold import Touched, candidate_belief, feature_belief, refold
 from slamcu_server.changes import feed
+from slamcu_server.trust.table import trusting
 
 TOLERANCE = 1e-9
 
@@ -28,6 +29,7 @@ async def rebuild(engine: AsyncEngine, policy: Policy) -> int:
     async with engine.begin() as connection:
         await lock_maps(connection)
         await remember_policy(connection, policy)
+        policy = await trusting(connection, policy)
         beliefs = await refold(connection, Touched(), None, policy)
         entries = await feed.publish(connection, beliefs, policy)
         await feed.append(connection, entries)
@@ -39,6 +41,7 @@ async def differences(engine: AsyncEngine, policy: Policy) -> list[str]:
     async with engine.connect() as connection:
         await connection.execution_options(isolation_level="REPEATABLE READ", postgresql_readonly=True)
         async with connection.begin():
+            policy = await trusting(connection, policy)
             found, features = await _feature_differences(connection, policy)
             return [*found, *await _candidate_differences(connection, policy, features)]
 

@@ -21,6 +21,7 @@ from slamcu_server.aggregation.policy import count_outdated, load_policy, rememb
 from slamcu_server.metrics.instruments import Instruments
 from slamcu_server.retraction.corrections import correct
 from slamcu_server.settings import Settings
+from slamcu_server.trust.job import Recomputed, recompute
 
 logger = logging.getLogger(__name__)
 
@@ -55,6 +56,7 @@ async def run_worker(
         )
     retention = timedelta(days=settings.message_retention_days)
     cleaned_at = corrected_at = -_HOUSEKEEPING_S
+    trusted_at = time.monotonic()
     async with _listening(engine) as caller:
         while not stop.is_set():
             caller.event.clear()
@@ -71,6 +73,10 @@ async def run_worker(
                     continue
                 corrected_at = begun
             if fused.messages:
+                continue
+            if 0 < settings.trust_interval_s < begun - trusted_at:
+                trusted_at = begun
+                _tell(await recompute(engine))
                 continue
             if begun - cleaned_at > _HOUSEKEEPING_S:
                 await forget_bodies(engine, retention)
@@ -150,6 +156,16 @@ def _lost(error: BaseException) -> bool:
     return isinstance(error, OSError | InterfaceError | PoolTimeoutError | MemoryError) or (
         isinstance(error, OperationalError) and getattr(error.orig, "sqlstate", None) is None
     )
+
+
+def _tell(done: Recomputed | None) -> None:
+    """Log what a new trust version says: somebody may want to look at who lost the server's trust."""
+    if done is not None and done.changed:
+        lost = sorted(key for key, standing in done.contributors.items() if standing.share < 1.0)
+        logger.warning(
+            "trust version %s: accounts %s are trusted less; %d sessions gated, %d let in again",
+            done.version, lost, len(done.gated), len(done.released),
+        )  # fmt: skip
 
 
 class _Caller:

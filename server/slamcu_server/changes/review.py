@@ -19,6 +19,7 @@ from slamcu_server.changes.document import timestamp
 from slamcu_server.changes.repository import StoredChange
 from slamcu_server.changes.schemas import ReviewRequest
 from slamcu_server.problems import Problem
+from slamcu_server.trust.table import trusting
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +94,7 @@ async def _decide(
     await feed.settle(connection, [entry])
     entries: list[feed.Entry] = []
     if edit is not None:
+        policy = await trusting(connection, policy)
         beliefs = await refold(connection, Touched(edit.features, edit.places), held, policy)
         entries = await feed.publish(connection, beliefs, policy)
     await feed.append(connection, [entry, *entries])

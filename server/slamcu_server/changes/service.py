@@ -18,6 +18,7 @@ from slamcu_server.changes import repository
 from slamcu_server.changes.explanation import Case, explain
 from slamcu_server.changes.repository import FeedQuery, StoredChange
 from slamcu_server.problems import Problem
+from slamcu_server.trust.table import trusting
 
 
 def present(change_id: int, kind: str, state: str, revision: int, document: dict[str, Any]) -> dict[str, Any]:
@@ -87,7 +88,7 @@ async def _cases(connection: AsyncConnection, change: StoredChange) -> list[Case
     """Return the evidence about a change: about the candidate first, where there is one, then about the map feature."""
     document = change.document
     policy = await repository.find_policy(connection, document["policy_version"]) or Policy()
-    rules = policy.for_class(document["class"])
+    rules = (await trusting(connection, policy)).for_class(document["class"])
     cases: list[Case] = []
     if change.candidate_id is not None:
         passes = await reads.passes_over_candidate(connection, change.candidate_id)

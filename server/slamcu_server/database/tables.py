@@ -318,6 +318,31 @@ feature_states = Table(
     Column("forgotten_blocked", BigInteger, nullable=False, server_default=text("0")),
 )
 
+trust_versions = Table(
+    "trust_versions",
+    metadata,
+    Column("version", BigInteger, Identity(), primary_key=True),
+    Column("judged", BigInteger, nullable=False),  # verdicts that it rests on
+    _created(),
+)
+
+trust = Table(  # what one version after the other says of contributors; who is not in it is trusted as the policy says
+    "trust",
+    metadata,
+    Column("contributor_id", BigInteger, ForeignKey("accounts.id"), nullable=False),
+    Column("from_version", BigInteger, ForeignKey("trust_versions.version"), nullable=False),
+    Column("to_version", BigInteger),  # the first version that says otherwise; NULL: the newest says so
+    Column("share", Double, nullable=False),  # of the policy's trust
+    Column("proven", Boolean, nullable=False),  # has a record
+    Column("right_count", Integer, nullable=False),  # verdicts when the version was made
+    Column("wrong_count", Integer, nullable=False),
+    Column("right_claims", Integer, nullable=False),  # of these about candidates
+    Column("wrong_claims", Integer, nullable=False),
+    PrimaryKeyConstraint("contributor_id", "from_version"),
+    CheckConstraint("share BETWEEN 0 AND 1", name="share"),
+)
+Index("ix_trust_current", trust.c.contributor_id, unique=True, postgresql_where=text("to_version IS NULL"))
+
 policies = Table(
     "policies",
     metadata,

@@ -21,6 +21,7 @@ from slamcu_server.aggregation.refold import Touched, cells_of, refold
 from slamcu_server.changes import feed
 from slamcu_server.retraction import anchors, marks, repository
 from slamcu_server.retraction.repository import State, StoredRetraction
+from slamcu_server.trust.table import trusting
 
 PIECE = 200
 """Passes that one transaction takes: they stay far below the budget of cells that one may lock."""
@@ -74,6 +75,7 @@ async def _list(connection: AsyncConnection, waiting: StoredRetraction) -> None:
 
 async def _correct_piece(connection: AsyncConnection, policy: Policy, piece: int, further: frozenset[Cell]) -> bool:
     await marks.hold(connection)
+    policy = await trusting(connection, policy)
     listed = await _claim_piece(connection, piece)
     if not listed.ids:
         return False

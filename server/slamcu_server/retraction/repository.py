@@ -12,6 +12,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_server.database.tables import accounts, retractions
 from slamcu_server.retraction.filter import FIELDS, EvidenceFilter
+from slamcu_server.retraction.marks import ACTIVE
 
 
 class State(StrEnum):
@@ -93,6 +94,16 @@ async def list_after(connection: AsyncConnection, after: int, limit: int) -> lis
     """Return up to `limit` retractions whose ids follow `after`."""
     rows = await connection.execute(_QUERY.where(retractions.c.id > after).order_by(retractions.c.id).limit(limit))
     return [_stored(row) for row in rows]
+
+
+async def list_gates(connection: AsyncConnection) -> dict[tuple[int, str], int]:
+    """Return the sessions that the server itself has taken out, (contributor, session id), with their retractions."""
+    found = await connection.execute(
+        text(f"""
+        SELECT contributor_id, session_id, id FROM retractions
+        WHERE requested_by IS NULL AND session_id IS NOT NULL AND state IN {ACTIVE}""")  # noqa: S608  (a constant)
+    )
+    return {(row.contributor_id, row.session_id): row.id for row in found}
 
 
 async def request_undo(connection: AsyncConnection, retraction_id: int, reason: str, undone_by: int | None) -> None:

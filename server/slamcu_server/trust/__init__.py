@@ -1,0 +1,1 @@
+"""Trust: what the server makes of the contributors' records, in versions."""
