@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from slamcu_core.formats import ChangeState, ResultFeature
 from slamcu_eval.fleet.cloud import Cloud
 
-_PUBLISHED = frozenset({"confirmed", "accepted"})
+_PUBLISHED = frozenset({"confirmed", "accepted", "absorbed"})
+_TO_SOMETHING = frozenset({"moved", "modified"})
 
 
 def standing_changes(cloud: Cloud, map_name: str) -> list[dict[str, Any]]:
@@ -28,30 +30,45 @@ def fused_result(cloud: Cloud, map_name: str) -> list[ResultFeature]:
 
 
 def _map_feature(feature: dict[str, Any], evidence: dict[str, Any], change: dict[str, Any] | None) -> ResultFeature:
-    lon, lat = feature["geometry"]["coordinates"][:2]
     properties = feature["properties"]
     variance = properties["position_std_m"] ** 2
+    now = change if change is not None and change["kind"] in _TO_SOMETHING else None
+    origin = None if now is None else now["from"]
+    lon, lat = (now or feature)["geometry"]["coordinates"][:2]
+    masses = evidence if now is None else now
     return ResultFeature(
         state=ChangeState(change["kind"]) if change else ChangeState.NORMAL,
         lon=lon,
         lat=lat,
-        mass_exists=evidence["mass_exists"],
-        mass_not_exists=evidence["mass_not_exists"],
-        mass_unknown=evidence["mass_unknown"],
-        conflict=evidence["conflict"],
-        covariance_m2=(variance, 0.0, variance) if variance > 0.0 else None,
+        mass_exists=masses["mass_exists"],
+        mass_not_exists=masses["mass_not_exists"],
+        mass_unknown=masses["mass_unknown"],
+        conflict=masses["conflict"],
+        covariance_m2=_covariance(now["covariance_m2"] if now else (variance, 0.0, variance)),
         passes=evidence["passes"],
         vehicles=max(evidence["contributors_for"], evidence["contributors_against"]),
         map_object_id=feature["id"],
         feature_class=properties["class"],
-        sign=properties.get("sign"),
-        value=properties.get("value"),
+        sign=now["sign"] if now else properties.get("sign"),
+        value=now["value"] if now else properties.get("value"),
+        from_lonlat=_lonlat(origin) if origin and change and change["kind"] == "moved" else None,
+        map_sign=origin["sign"] if origin and change and change["kind"] == "modified" else None,
+        map_value=origin["value"] if origin and change and change["kind"] == "modified" else None,
     )
 
 
+def _lonlat(half: dict[str, Any]) -> tuple[float, float]:
+    lon, lat = half["geometry"]["coordinates"][:2]
+    return lon, lat
+
+
+def _covariance(entries: Sequence[float]) -> tuple[float, float, float] | None:
+    xx, xy, yy = entries
+    return (xx, xy, yy) if xx > 0.0 else None
+
+
 def _new_feature(change: dict[str, Any]) -> ResultFeature:
-    lon, lat = change["geometry"]["coordinates"][:2]
-    xx, xy, yy = change["covariance_m2"]
+    lon, lat = _lonlat(change)
     return ResultFeature(
         state=ChangeState.NEW,
         lon=lon,
@@ -60,7 +77,7 @@ def _new_feature(change: dict[str, Any]) -> ResultFeature:
         mass_not_exists=change["mass_not_exists"],
         mass_unknown=change["mass_unknown"],
         conflict=change["conflict"],
-        covariance_m2=(xx, xy, yy),
+        covariance_m2=_covariance(change["covariance_m2"]),
         passes=change["passes"],
         vehicles=change["contributors_for"],
         feature_class=change["class"],
