@@ -38,6 +38,14 @@ class BoundingBox:
             raise _invalid(f"has its south above its north; {_HELP}")
         return cls(west, south, east, north)
 
+    def holds(self, lon: float, lat: float) -> bool:
+        """Whether a point lies in the box, its edges included."""
+        if not self.south <= lat <= self.north:
+            return False
+        if self.west <= self.east:
+            return self.west <= lon <= self.east
+        return lon >= self.west or lon <= self.east
+
     def contains(self, geom: ColumnElement[object]) -> ColumnElement[bool]:
         """Return the SQL condition that points lie in the box, its edges included."""
         if self.west <= self.east:

@@ -53,6 +53,7 @@ class ImportedMap:
     changed: int
     removed: int
     unchanged: bool = False  # this version was here already, with this content: nothing was done
+    map_id: int = 0
 
 
 async def import_map(connection: AsyncConnection, path: Path, *, identity: MapIdentity | None = None) -> ImportedMap:
@@ -77,10 +78,10 @@ async def import_map(connection: AsyncConnection, path: Path, *, identity: MapId
                 f"{path}: version {identity.version!r} of map {identity.source!r} is here with another content; "
                 "a changed map needs another version"
             )
-        return ImportedMap(identity, earlier, count, 0, 0, 0, unchanged=True)
+        return ImportedMap(identity, earlier, count, 0, 0, 0, unchanged=True, map_id=map_id)
     sequence = current + 1
     removed, changed, added = await _write(connection, map_id, sequence, identity.version)
-    return ImportedMap(identity, sequence, count, added, changed, removed)
+    return ImportedMap(identity, sequence, count, added, changed, removed, map_id=map_id)
 
 
 async def _stage(connection: AsyncConnection, path: Path) -> tuple[MapIdentity, int]:
@@ -180,12 +181,25 @@ _END_VERSIONS = f"""
         RETURNING s.object_id IS NULL AS removed
     )
     SELECT count(*) FILTER (WHERE removed) AS removed, count(*) FILTER (WHERE NOT removed) AS changed FROM ended"""  # noqa: S608
+# What is the same thing at the same place keeps the evidence about it: a survey that corrects a place by less than a
+# vehicle can tell changes nothing of what was seen or missed there, nor does a sign's value that was not known before.
+SAME_PLACE_M = 0.5
 _BEGIN_VERSIONS = """
-    INSERT INTO feature_versions (feature_id, from_sequence, map_id, feature_class, sign, value, altitude,
-        heading_deg, existence_confidence, position_std_m, geom)
-    SELECT f.id, :sequence, :map, s.feature_class, s.sign, s.value, s.altitude, s.heading_deg,
-        s.existence_confidence, s.position_std_m, ST_SetSRID(ST_MakePoint(s.lon, s.lat), 4326)
+    INSERT INTO feature_versions (feature_id, from_sequence, evidence_sequence, map_id, feature_class, sign, value,
+        altitude, heading_deg, existence_confidence, position_std_m, geom)
+    SELECT f.id, :sequence, COALESCE(kept.since, :sequence), :map, s.feature_class, s.sign, s.value, s.altitude,
+        s.heading_deg, s.existence_confidence, s.position_std_m, ST_SetSRID(ST_MakePoint(s.lon, s.lat), 4326)
     FROM staged_features s JOIN features f ON f.map_id = :map AND f.object_id = s.object_id
+    LEFT JOIN LATERAL (
+        SELECT COALESCE(v.evidence_sequence, (
+            SELECT min(from_sequence) FROM feature_versions first WHERE first.feature_id = f.id)) AS since
+        FROM feature_versions v
+        WHERE v.feature_id = f.id AND v.to_sequence = :sequence AND v.feature_class = s.feature_class
+            AND COALESCE(v.sign = s.sign, true) AND COALESCE(v.value = s.value, true)
+            AND ST_Distance(
+                CAST(v.geom AS geography), CAST(ST_SetSRID(ST_MakePoint(s.lon, s.lat), 4326) AS geography)
+            ) <= :same_place
+    ) kept ON true
     WHERE NOT EXISTS (SELECT FROM feature_versions v WHERE v.feature_id = f.id AND v.to_sequence IS NULL)
     ORDER BY f.id"""
 _ADD_VERSION = """
@@ -201,7 +215,7 @@ async def _write(connection: AsyncConnection, map_id: int, sequence: int, versio
     here = {"map": map_id, "sequence": sequence}
     await connection.execute(text(_ADD_FEATURES), {"map": map_id})
     removed, changed = (await connection.execute(text(_END_VERSIONS), here)).one()
-    begun = (await connection.execute(text(_BEGIN_VERSIONS), here)).rowcount
+    begun = (await connection.execute(text(_BEGIN_VERSIONS), here | {"same_place": SAME_PLACE_M})).rowcount
     await connection.execute(text(_ADD_VERSION), here | {"version": version})
     await connection.execute(text(_MAKE_CURRENT), here)
     return removed, changed, begun - changed

@@ -20,4 +20,5 @@ async def metrics(request: Request, connection: ReadTransaction) -> Response:
     instruments.pending.set(backlog.pending)
     instruments.quarantined.set(backlog.quarantined)
     instruments.lag.set(backlog.lag_s)
+    instruments.tell_changes(await repository.count_changes(connection))
     return Response(generate_latest(instruments.registry), media_type=CONTENT_TYPE_LATEST)

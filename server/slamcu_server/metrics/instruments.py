@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
+from sqlalchemy import Row
 
 
 class Instruments:
@@ -39,5 +43,26 @@ class Instruments:
         self.batch_seconds = Histogram(
             "slamcu_aggregation_batch_seconds", "Time to fuse a batch, of this process.", registry=self.registry
         )
+        self.changes = Gauge(
+            "slamcu_changes", "Changes, by what they are now.", ("kind", "state"), registry=self.registry
+        )
+        self.mapped = Gauge(
+            "slamcu_change_to_map_seconds_count", "Changes that a map version has taken up.", ("kind",),
+            registry=self.registry,
+        )  # fmt: skip
+        self.mapped_after = Gauge(
+            "slamcu_change_to_map_seconds_sum", "Of these, the time from the first evidence to the map, summed.",
+            ("kind",), registry=self.registry,
+        )  # fmt: skip
         for outcome in ("accepted", "duplicate", "rejected"):
             self.messages.labels(outcome)
+
+    def tell_changes(self, counted: Sequence[Row[Any]]) -> None:
+        """Set how many changes there are, given as (kind, state, changes, mapped, seconds)."""
+        self.changes.clear()
+        for row in counted:
+            self.changes.labels(row.kind, row.state).set(row.changes)
+        for kind in {row.kind for row in counted}:
+            mine = [row for row in counted if row.kind == kind]
+            self.mapped.labels(kind).set(sum(row.mapped for row in mine))
+            self.mapped_after.labels(kind).set(float(sum(row.seconds for row in mine)))

@@ -1,13 +1,14 @@
-"""How far the aggregation is behind."""
+"""How far the aggregation is behind, and what has become of the changes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import Row, func, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from slamcu_server.database.tables import messages
+from slamcu_server.database.tables import changes, messages
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,3 +31,17 @@ async def backlog(connection: AsyncConnection) -> Backlog:
     query = select(func.count()).select_from(messages).where(messages.c.state == "quarantined")
     quarantined = (await connection.execute(query)).scalar_one()
     return Backlog(count, quarantined, max(0.0, float(lag)))
+
+
+async def count_changes(connection: AsyncConnection) -> list[Row[Any]]:
+    """Return (kind, state, count, mapped, seconds): how many changes, how many of them the map says, after how long."""
+    columns = changes.c
+    took = func.extract("epoch", columns.mapped_at - columns.first_evidence_at)
+    query = select(
+        columns.kind,
+        columns.state,
+        func.count().label("changes"),
+        func.count(took).label("mapped"),
+        func.coalesce(func.sum(took), 0.0).label("seconds"),
+    ).group_by(columns.kind, columns.state)
+    return list(await connection.execute(query))

@@ -130,20 +130,6 @@ async def test_ids_stay_the_same_over_review_and_import(
     assert (version, set(features)) == ("2026.07+1", {1, 2, 3})
 
 
-async def test_a_deletion_that_the_provider_made_by_himself_is_withdrawn(
-    town: Any, reports: Any, client: httpx.AsyncClient, provider: Headers, tmp_path: Path
-) -> None:
-    await confirm_deleted(town, reports)
-    path = tmp_path / "town.geojson"
-    path.write_text('{"type": "FeatureCollection", "map": {"source": "town", "version": "2026.06"}, "features": []}')
-    async with town.engine.begin() as connection:
-        await import_map(connection, path)
-    assert (await review(client, provider, 1, decision="accept")).status_code == 409
-    await town.report("old-map", reports.missed(1, hours=20))
-    await town.fuse()
-    assert [entry.state for entry in await town.entries()] == ["confirmed", "withdrawn"]
-
-
 async def test_a_rejection_keeps_its_reason_until_the_evidence_has_left_and_come_again(
     town: Any, reports: Any, client: httpx.AsyncClient, provider: Headers
 ) -> None:
