@@ -33,7 +33,8 @@ The vehicle side of slamcu: compare a recorded drive with an HD map and report w
 _EPILOG = f"""\
 exit codes: 0 done, 1 bad input or a refusal, 2 bad usage, 3 done but not all is with the server, 130 interrupted
 
-Give the API key in the environment variable {_KEY_VARIABLE}: other users of a machine can read its command lines.
+Give the API key in the environment variable {_KEY_VARIABLE}, or in a file that {_KEY_VARIABLE}_FILE names: other users
+of a machine can read its command lines.
 """
 
 
@@ -74,6 +75,7 @@ def _drive(options: argparse.Namespace) -> int:
             seed=options.seed,
             particles=options.particles,
             wait_s=options.wait,
+            pace=options.pace,
         ),
         _server(options) if options.server else None,
     )
@@ -88,10 +90,15 @@ def _upload(options: argparse.Namespace) -> int:
 
 
 def _server(options: argparse.Namespace) -> commands.ServerAddress:
-    key = options.api_key or os.environ.get(_KEY_VARIABLE, "")
+    key = options.api_key or os.environ.get(_KEY_VARIABLE, "") or _key_from_file()
     if not key:
         options.usage(f"--server needs the vehicle's key: set {_KEY_VARIABLE}, or give --api-key")
     return commands.ServerAddress(options.server, key)
+
+
+def _key_from_file() -> str:
+    path = os.environ.get(f"{_KEY_VARIABLE}_FILE", "")
+    return Path(path).read_text(encoding="utf-8").strip() if path else ""
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -130,6 +137,13 @@ def _parser() -> argparse.ArgumentParser:
     _add_wait(drive)
     drive.add_argument("--seed", type=_count, default=0, metavar="N", help="of the filter's random numbers (default 0)")
     drive.add_argument("--particles", type=_count, default=None, metavar="N", help="of the filter (default 100)")
+    drive.add_argument(
+        "--pace",
+        type=_pace,
+        default=None,
+        metavar="X",
+        help="drive the log at X times the speed at which it was recorded (default: as fast as it can be read)",
+    )
     drive.set_defaults(run=_drive)
 
     fetch = _command(
@@ -212,6 +226,16 @@ def _seconds(text: str) -> float:
         value = -1.0
     if not 0.0 <= value <= 1e6:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number of seconds from 0 to 1000000")
+    return value
+
+
+def _pace(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value <= 1e6:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0")
     return value
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+import time
 from collections import Counter
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
@@ -53,6 +54,7 @@ class DriveOrder:
     seed: int = 0
     particles: int | None = None
     wait_s: float = 60.0
+    pace: float | None = None  # times the speed at which the log was recorded; None: as fast as it can be read
 
 
 def drive(order: DriveOrder, address: ServerAddress | None) -> int:
@@ -135,7 +137,10 @@ def _drive_log(order: DriveOrder, hd_map: HDMap, parameters: FilterParameters, o
         header, records = read_drive_log(file.lines(), source=str(order.log))
         count, seconds = 0, 0.0
         with VehicleSession(hd_map, header, outbox, parameters, seed=order.seed) as session:
+            begun = time.monotonic()
             for count, record in enumerate(records, start=1):
+                if order.pace is not None:
+                    time.sleep(max(0.0, begun + record.t / order.pace - time.monotonic()))
                 session.feed(record)
                 seconds = record.t
                 if count % _REPORT_EVERY == 0:

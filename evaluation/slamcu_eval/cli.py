@@ -24,6 +24,7 @@ COMMANDS: tuple[str, ...] = (
     "slamcu_eval.commands.law",
     "slamcu_eval.commands.fleet",
     "slamcu_eval.commands.demo",
+    "slamcu_eval.commands.scenario",
     "slamcu_eval.commands.bench",
     "slamcu_eval.commands.plots",
 )

@@ -14,6 +14,8 @@ from slamcu_server import problems
 from slamcu_server.accounts.service import Authenticator
 from slamcu_server.aggregation.policy import load_policy
 from slamcu_server.aggregation.worker import run_worker
+from slamcu_server.health.endpoints import router as health
+from slamcu_server.metrics.endpoints import router as metrics
 from slamcu_server.metrics.instruments import Instruments
 from slamcu_server.middleware import LimitBody, Observe
 from slamcu_server.routes import ROUTERS
@@ -78,4 +80,15 @@ def create_app(settings: Settings, *, engine: AsyncEngine | None = None) -> Fast
     app.add_middleware(LimitBody, limit=settings.max_body_bytes)
     app.add_middleware(GZipMiddleware, minimum_size=1024, compresslevel=5)
     app.add_middleware(Observe, instruments=app.state.instruments)
+    return app
+
+
+def create_worker_app(engine: AsyncEngine, worker: WorkerSupervisor, instruments: Instruments) -> FastAPI:
+    """Make the application by which a worker process tells how it is: /livez, /readyz and /metrics."""
+    app = FastAPI(title="slamcu worker", docs_url=None, redoc_url=None, openapi_url=None, redirect_slashes=False)
+    app.state.engine, app.state.worker, app.state.instruments = engine, worker, instruments
+    for router in (health, metrics):
+        app.include_router(router)
+    problems.install(app)
+    app.add_middleware(Observe, instruments=instruments)
     return app

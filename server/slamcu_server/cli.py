@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import sys
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime, timedelta
@@ -185,6 +186,33 @@ def recompute_trust(data_dir: DataDir = None) -> None:
         f"trust version {done.version}: {done.judged} verdicts, {len(done.contributors)} contributors stand otherwise, "
         f"{len(done.gated)} sessions gated, {len(done.released)} let in again"
     )
+
+
+@app.command("check")
+def check(
+    digests: Annotated[
+        bool, typer.Option("--digests", help="Read every row, so that two databases can be compared.")
+    ] = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Look over what is stored and print it as JSON: messages, the feed, and beliefs against their passes.
+
+    Fails if the feed has a gap, a belief is not the fold of its passes, or messages could not be used.
+    """
+    from slamcu_server.aggregation import policy  # noqa: PLC0415  (the other commands start faster)
+    from slamcu_server.integrity import service as integrity  # noqa: PLC0415
+
+    settings = Settings.load(data_dir=data_dir)
+    rules = policy.load_policy(settings.policy_file)
+
+    async def run() -> integrity.Findings:
+        async with open_database(settings, application_name="slamcu-cli") as engine:
+            return await integrity.look_over(engine, rules, digests=digests)
+
+    findings = asyncio.run(run())
+    typer.echo(json.dumps(findings.to_document(), indent=2))
+    if not findings.sound:
+        raise SlamcuError("something is amiss: see feed_gaps, differences and messages")
 
 
 @app.command("import-map")

@@ -35,7 +35,7 @@ async def open_database(
     Raises SlamcuError saying in one line what keeps the database from being used.
     """
     async with AsyncExitStack() as stack:
-        url = settings.database_url
+        url = settings.connection_url
         if url is None:
             cluster = EmbeddedCluster(settings.data_dir, bin_dir=settings.postgres_bin_dir)
             await asyncio.to_thread(cluster.__enter__)

@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import uvicorn
+from fastapi import FastAPI
 
 from slamcu_core.errors import SlamcuError
 from slamcu_server.aggregation.policy import load_policy
 from slamcu_server.aggregation.worker import run_worker
-from slamcu_server.app import create_app
+from slamcu_server.app import create_app, create_worker_app
+from slamcu_server.metrics.instruments import Instruments
 from slamcu_server.runtime import WorkerSupervisor, open_database
 from slamcu_server.settings import Settings
 
@@ -58,15 +60,7 @@ async def serve(settings: Settings, *, ready: Callable[[str], None]) -> None:
         stop = await stack.enter_async_context(_stop_signal())
         listener = stack.enter_context(_listener(settings.host, settings.port))
         engine = await stack.enter_async_context(open_database(settings, application_name="slamcu-server"))
-        config = uvicorn.Config(
-            create_app(settings, engine=engine),
-            log_config=None,
-            access_log=False,  # the middleware has one, without secrets
-            server_header=False,
-            lifespan="on",
-            timeout_graceful_shutdown=max(1, round(settings.shutdown_grace_s)),
-        )
-        server = _Server(config)
+        server = _server(create_app(settings, engine=engine), settings)
         serving = asyncio.create_task(server.serve(sockets=[listener]))
         if await _first(serving, server.listening.wait()):
             ready(_url(settings.host, listener))
@@ -78,12 +72,44 @@ async def serve(settings: Settings, *, ready: Callable[[str], None]) -> None:
 async def work(settings: Settings, *, ready: Callable[[], None]) -> None:
     """Aggregate reports until SIGTERM or SIGINT; raises SlamcuError if it cannot start."""
     load_policy(settings.policy_file)  # the worker would only learn when it starts, again and again
-    async with _stop_signal() as stop, open_database(settings, application_name="slamcu-worker") as engine:
-        supervisor = WorkerSupervisor(lambda asked: run_worker(engine, settings, asked))
+    async with contextlib.AsyncExitStack() as stack:
+        stop = await stack.enter_async_context(_stop_signal())
+        listener = None
+        if settings.worker_port is not None:
+            listener = stack.enter_context(_listener(settings.host, settings.worker_port))
+        engine = await stack.enter_async_context(open_database(settings, application_name="slamcu-worker"))
+        instruments = Instruments()
+        supervisor = WorkerSupervisor(lambda asked: run_worker(engine, settings, asked, instruments=instruments))
+        if listener is not None:
+            app = create_worker_app(engine, supervisor, instruments)
+            await stack.enter_async_context(_beside(_server(app, settings), listener))
         supervisor.start()
         ready()
         await stop.wait()
         await supervisor.stop(_WORKER_GRACE_S)
+
+
+def _server(app: FastAPI, settings: Settings) -> _Server:
+    config = uvicorn.Config(
+        app,
+        log_config=None,
+        access_log=False,  # the middleware has one, without secrets
+        server_header=False,
+        lifespan="on",
+        timeout_graceful_shutdown=max(1, round(settings.shutdown_grace_s)),
+    )
+    return _Server(config)
+
+
+@contextlib.asynccontextmanager
+async def _beside(server: _Server, listener: socket.socket) -> AsyncIterator[None]:
+    """Serve while the block runs."""
+    serving = asyncio.create_task(server.serve(sockets=[listener]))
+    try:
+        yield
+    finally:
+        server.should_exit = True
+        await serving
 
 
 def write_ready_file(path: Path, url: str) -> None:

@@ -1,4 +1,7 @@
-"""What can be configured, each from the environment variable of its name with the prefix SLAMCU_."""
+"""What can be configured, each from the environment variable of its name with the prefix SLAMCU_.
+
+A variable with `_FILE` at its end names a file that holds the value: so secrets come into containers.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,11 @@ import os
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from pydantic import Field, ValidationError, field_validator
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import Field, SecretStr, ValidationError, field_validator
+from pydantic.fields import FieldInfo
+from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
+from sqlalchemy import make_url
+from sqlalchemy.exc import ArgumentError
 
 from slamcu_core.errors import SlamcuError
 
@@ -24,6 +30,29 @@ def default_data_dir() -> Path:
     return (Path(home) if home else Path.home() / ".local" / "share") / "slamcu"
 
 
+class _Files(PydanticBaseSettingsSource):
+    """Values from the files that SLAMCU_<NAME>_FILE names; a newline at the end is not part of a value."""
+
+    def get_field_value(self, field: FieldInfo, field_name: str) -> tuple[Any, str, bool]:  # noqa: ARG002
+        """Return the content of the file that is named for a field, or None."""
+        variable = f"SLAMCU_{field_name.upper()}"
+        path = os.environ.get(f"{variable}_FILE")
+        if not path or f"{field_name}_file" in self.settings_cls.model_fields:
+            return None, field_name, False
+        if os.environ.get(variable):
+            raise SettingsError(f"{variable} and {variable}_FILE are both set: which one counts?")
+        try:
+            return Path(path).read_text(encoding="utf-8").removesuffix("\n"), field_name, False
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "it is not text"
+            raise SettingsError(f"{variable}_FILE: {path} cannot be read: {reason}") from None
+
+    def __call__(self) -> dict[str, Any]:
+        """Return the values that come from files."""
+        values = {name: self.get_field_value(field, name)[0] for name, field in self.settings_cls.model_fields.items()}
+        return {name: value for name, value in values.items() if value is not None}
+
+
 class Settings(BaseSettings):
     """The server's settings; sizes in bytes, times in seconds unless the name says otherwise."""
 
@@ -34,6 +63,9 @@ class Settings(BaseSettings):
         None,
         description="PostgreSQL with PostGIS, as postgresql://user:password@host/name. "
         "Unset: the server starts and owns a private cluster in data_dir.",
+    )
+    database_password: SecretStr | None = Field(
+        None, description="The password of database_url, where the URL does not hold it."
     )
     data_dir: Path = Field(default_factory=default_data_dir, description="Home of the private cluster.")
     postgres_bin_dir: Path | None = Field(None, description="Where initdb and pg_ctl are, if not in a usual place.")
@@ -47,6 +79,10 @@ class Settings(BaseSettings):
     port: int = Field(8000, ge=0, le=65535, description="0 takes any free port.")
     log_level: Literal["debug", "info", "warning", "error"] = "info"
     shutdown_grace_s: float = Field(5.0, gt=0, le=60, description="How long requests under way may take at shutdown.")
+
+    worker_port: int | None = Field(
+        None, ge=0, le=65535, description="Where a worker process answers /livez, /readyz and /metrics; unset: nowhere."
+    )
 
     # What may be sent
     max_body_bytes: int = Field(4 * 2**20, ge=1024, description="Of a request body, as sent.")
@@ -86,6 +122,31 @@ class Settings(BaseSettings):
     def _absolute(cls, path: Path) -> Path:
         return path.expanduser().absolute()
 
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,  # noqa: ARG003
+        file_secret_settings: PydanticBaseSettingsSource,  # noqa: ARG003
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Read what is given, then the environment, then the files that it names."""
+        return init_settings, env_settings, _Files(settings_cls)
+
+    @property
+    def connection_url(self) -> str | None:
+        """The SQLAlchemy URL of the configured database, its password included; None: the private cluster."""
+        if self.database_url is None or self.database_password is None:
+            return self.database_url
+        try:
+            url = make_url(self.database_url)
+        except (ArgumentError, ValueError):
+            raise SettingsError("SLAMCU_DATABASE_URL: is no URL") from None
+        if url.password is not None:
+            raise SettingsError("SLAMCU_DATABASE_PASSWORD: SLAMCU_DATABASE_URL holds a password already")
+        return url.set(password=self.database_password.get_secret_value()).render_as_string(hide_password=False)
+
     @property
     def embedded(self) -> bool:
         """Whether the server owns its database cluster."""
@@ -105,5 +166,5 @@ class Settings(BaseSettings):
             first = error.errors()[0]
             name = str(first["loc"][0]) if first["loc"] else "settings"
             message = str(first["msg"]).removeprefix("Value error, ")
-            shown = "" if name == "database_url" else f" (not {first['input']!r})"  # a URL may hold a password
+            shown = "" if name.startswith("database_") else f" (not {first['input']!r})"  # a URL may hold a password
             raise SettingsError(f"SLAMCU_{name.upper()}: {message}{shown}") from None

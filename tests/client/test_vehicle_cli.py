@@ -86,6 +86,33 @@ def test_a_drive_reports_to_the_server(folder: Path, vehicle, fake, key, drive) 
     assert not list(folder.glob("*.outbox*"))
 
 
+def test_the_key_may_come_from_a_file(folder: Path, vehicle, fake, faults, monkeypatch) -> None:
+    (folder / "key").write_text(f"{faults.key}\n")
+    monkeypatch.setenv("SLAMCU_API_KEY_FILE", "key")
+    assert vehicle(*LOCAL, "--server", fake.url)[0] == 0
+    assert fake.stored
+    monkeypatch.setenv("SLAMCU_API_KEY_FILE", "no such file")
+    code, _, err = vehicle(*LOCAL, "--server", fake.url)
+    assert (code, err) == (1, "slamcu-vehicle: no such file: No such file or directory\n")
+
+
+def test_a_log_can_be_driven_at_a_pace(folder: Path, vehicle, drive, monkeypatch) -> None:
+    now, slept = [100.0], []
+
+    def sleep(seconds: float) -> None:
+        slept.append(seconds)
+        now[0] += seconds
+
+    monkeypatch.setattr("slamcu_client.commands.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("slamcu_client.commands.time.sleep", sleep)
+    code, out, _ = vehicle(*LOCAL, "--pace", "4")
+    assert code == 0
+    assert "normal" in out
+    assert sum(slept) == pytest.approx(drive.records[-1].t / 4)
+    with pytest.raises(SystemExit):
+        vehicle(*LOCAL, "--pace", "0")
+
+
 def test_a_drive_driven_twice_is_reported_once(folder: Path, vehicle, fake, key) -> None:
     vehicle(*LOCAL, "--server", fake.url)
     before = dict(fake.stored)

@@ -46,6 +46,41 @@ def test_a_database_url_is_taken_as_others_write_it(scheme: str) -> None:
     assert not settings.migrates_on_start
 
 
+def test_a_secret_comes_from_a_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "password").write_text("p@ss/word:?\n")
+    monkeypatch.setenv("SLAMCU_DATABASE_URL", "postgresql://user@host/name")
+    monkeypatch.setenv("SLAMCU_DATABASE_PASSWORD_FILE", str(tmp_path / "password"))
+    settings = Settings.load()
+    assert settings.connection_url == "postgresql+asyncpg://user:p%40ss%2Fword%3A%3F@host/name"
+    assert "p@ss" not in repr(settings)
+
+
+def test_any_setting_may_come_from_a_file_and_is_checked_as_ever(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "port").write_text("many")
+    monkeypatch.setenv("SLAMCU_PORT_FILE", str(tmp_path / "port"))
+    with pytest.raises(SettingsError, match="^SLAMCU_PORT: "):
+        Settings.load()
+    (tmp_path / "port").write_text("9000\n")
+    assert Settings.load().port == 9000
+    monkeypatch.setenv("SLAMCU_PORT", "9001")
+    with pytest.raises(SettingsError, match="^SLAMCU_PORT and SLAMCU_PORT_FILE are both set"):
+        Settings.load()
+    monkeypatch.delenv("SLAMCU_PORT")
+    monkeypatch.setenv("SLAMCU_PORT_FILE", str(tmp_path / "none"))
+    with pytest.raises(SettingsError, match=r"^SLAMCU_PORT_FILE: .* cannot be read: No such file"):
+        Settings.load()
+
+
+def test_two_passwords_are_one_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SLAMCU_DATABASE_URL", "postgresql://user:one@host/name")
+    monkeypatch.setenv("SLAMCU_DATABASE_PASSWORD", "two")
+    with pytest.raises(SettingsError, match="^SLAMCU_DATABASE_PASSWORD: ") as told:
+        _ = Settings.load().connection_url
+    assert "two" not in str(told.value)
+
+
 def test_without_a_database_the_server_owns_one(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SLAMCU_DATABASE_URL", "")  # as unset: compose files write it so
     settings = Settings.load()

@@ -30,15 +30,9 @@ def accept_best(cloud: Cloud, map_name: str) -> Acceptance:
     if not confirmed:
         raise SlamcuError("no new sign is confirmed, so none can be accepted")
     best = max(confirmed, key=lambda change: (change["mass_exists"], change["contributors_for"], -change["id"]))
-    before, known = _summary(cloud, map_name), {feature["id"] for feature in cloud.features(map_name)}
-    detail = cloud.request("GET", f"/v1/changes/{best['id']}")
-    cloud.request(
-        "POST",
-        f"/v1/changes/{best['id']}/review",
-        headers={"If-Match": detail.headers["etag"]},
-        body={"decision": "accept"},
-    )
-    after, now = _summary(cloud, map_name), cloud.features(map_name)
+    before, known = cloud.map_summary(map_name), {feature["id"] for feature in cloud.features(map_name)}
+    cloud.accept(best["id"])
+    after, now = cloud.map_summary(map_name), cloud.features(map_name)
     added = [feature for feature in now if feature["id"] not in known]
     return Acceptance(
         change=best,
@@ -48,8 +42,3 @@ def accept_best(cloud: Cloud, map_name: str) -> Acceptance:
         features_after=len(now),
         feature=added[0] if added else None,
     )
-
-
-def _summary(cloud: Cloud, map_name: str) -> dict[str, Any]:
-    maps: list[dict[str, Any]] = cloud.get("/v1/maps")["maps"]
-    return next(one for one in maps if one["source"] == map_name)

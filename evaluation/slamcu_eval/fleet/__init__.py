@@ -1,9 +1,10 @@
 """A fleet and its cloud: real vehicles' software in processes of their own, and a real server that they report to."""
 
-from slamcu_eval.fleet.cloud import Cloud, CloudError
+from slamcu_eval.fleet.cloud import Cloud
 from slamcu_eval.fleet.highway import HighwayDrive
 from slamcu_eval.fleet.processes import VehicleError, drive_fleet
 from slamcu_eval.fleet.program import Program, ProgramError
+from slamcu_eval.fleet.provider import CloudError, Provider
 from slamcu_eval.fleet.readback import fused_result, standing_changes
 from slamcu_eval.fleet.vehicle import (
     Account,
@@ -24,6 +25,7 @@ __all__ = [
     "OpenDrive",
     "Program",
     "ProgramError",
+    "Provider",
     "VehicleError",
     "VehicleJob",
     "VehicleOutcome",

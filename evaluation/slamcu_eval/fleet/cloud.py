@@ -4,32 +4,25 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import tempfile
-import threading
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
-from types import FrameType, TracebackType
-from typing import Any, Self
-from urllib.parse import quote
+from types import TracebackType
+from typing import Self
 
-from slamcu_client import Response, Server
+from slamcu_client import Server
 from slamcu_core.aggregation import Policy
-from slamcu_core.errors import SlamcuError
 from slamcu_eval.fleet.program import Program, ProgramError, run_server_command
+from slamcu_eval.fleet.provider import CloudError, Provider
+from slamcu_eval.fleet.signals import signals_as_exit
 from slamcu_server.database.embedded import EmbeddedCluster
 
 _START_TIMEOUT_S = 60.0
 _POLL_S = 0.1
 
 
-class CloudError(SlamcuError):
-    """The private server does not do what the evaluation needs; the text ends with what the server said."""
-
-
-class Cloud:
+class Cloud(Provider):
     """Run a private server as a context manager; leave no process and no file behind, whatever happens.
 
     ::
@@ -50,16 +43,16 @@ class Cloud:
     """
 
     def __init__(self, *, policy: Policy | None = None, own_worker: bool = False) -> None:
+        super().__init__()
         self._policy, self._own_worker = policy, own_worker
         self._stack = ExitStack()
-        self._provider: Server | None = None
         self._batches = 0
         self.url = ""
         self.provider_key = ""
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            stack.enter_context(_signals_as_exit())
+            stack.enter_context(signals_as_exit())
             home = tempfile.TemporaryDirectory(prefix="slamcu-", ignore_cleanup_errors=True)
             self._home = Path(stack.enter_context(home))
             self._home.chmod(0o711)  # PostgreSQL does not run as root, and must be able to get to its directory
@@ -169,45 +162,6 @@ class Cloud:
         output = self.command("create-key", "--role", role, "--label", label, "--count", str(count))
         return [line.rsplit("\t", 1)[-1] for line in output.split("\n") if line.strip()]
 
-    def request(
-        self,
-        method: str,
-        path: str,
-        *,
-        query: Mapping[str, str] | str = "",
-        headers: Mapping[str, str] | None = None,
-        body: object = None,
-    ) -> Response:
-        """Send a request as a map provider.
-
-        Raises CloudError if the answer is no success, TransportError if none came.
-        """
-        if self._provider is None:
-            raise CloudError("the server has not been started")
-        content = b"" if body is None else json.dumps(body).encode()
-        headers = {"Content-Type": "application/json", **(headers or {})}
-        _, answer = self._provider.exchange(method, path, query=query, headers=headers, content=content)
-        if not 200 <= answer.status < 300:
-            raise CloudError(f"{method} {path}: {answer.status} {answer.content.decode(errors='replace')[:300]}")
-        return answer
-
-    def get(self, path: str, query: Mapping[str, str] | str = "") -> Any:
-        """Ask the server as a map provider, and return the JSON of its answer; raises as `request` does."""
-        return json.loads(self.request("GET", path, query=query).content)
-
-    def pages(self, path: str, query: Mapping[str, str] | None = None) -> Iterator[Any]:
-        """Yield the pages of a list, following its `next` links."""
-        page = self.get(path, query or {})
-        yield page
-        while link := page.get("next"):
-            page = self.get(path, link.partition("?")[2])
-            yield page
-
-    def features(self, map_name: str) -> list[dict[str, Any]]:
-        """Return the features of a map's current version as GeoJSON, without watch features."""
-        path = f"/v1/maps/{quote(map_name, safe='')}/features"
-        return [feature for page in self.pages(path) for feature in page["features"]]
-
     def pending(self) -> int:
         """Return how many messages wait to be fused; raise CloudError if one was put aside as unusable."""
         values = self._metrics("slamcu_aggregation_pending_messages", "slamcu_aggregation_quarantined_messages")
@@ -236,21 +190,3 @@ class Cloud:
             return [float(found[name]) for name in names]
         except KeyError as error:
             raise CloudError(f"the server's metrics lack {error}") from None
-
-
-@contextmanager
-def _signals_as_exit() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP unwind the stack, so that the server is stopped; where signals cannot be set, leave it."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def leave(number: int, _: FrameType | None) -> None:
-        raise SystemExit(128 + number)
-
-    before = {number: signal.signal(number, leave) for number in (signal.SIGTERM, signal.SIGHUP)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

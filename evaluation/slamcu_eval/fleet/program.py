@@ -38,9 +38,14 @@ class Program:
         """Its process id; raises ProgramError if it is not running."""
         return self._running().pid
 
+    @property
+    def alive(self) -> bool:
+        """Whether it runs."""
+        return self._process is not None and self._process.poll() is None
+
     def start(self) -> None:
         """Start it; raise ProgramError if it runs already."""
-        if self._process is not None and self._process.poll() is None:
+        if self.alive:
             raise ProgramError(f"the {self._arguments[0]} process runs already")
         with self._log.open("ab") as log:
             self._process = subprocess.Popen(  # noqa: S603  (our own program)
@@ -52,17 +57,17 @@ class Program:
                 start_new_session=True,
             )
 
-    def stop(self) -> None:
-        """Stop it in order, or kill it if that takes too long; nothing if it is not running."""
+    def stop(self, timeout_s: float = _STOP_TIMEOUT_S) -> int:
+        """Stop it in order, or kill it if that takes too long; return its status, 0 too if it was not running."""
         process, self._process = self._process, None
         if process is None:
-            return
+            return 0
         process.terminate()
         try:
-            process.wait(_STOP_TIMEOUT_S)
+            return process.wait(timeout_s)
         except subprocess.TimeoutExpired:
             process.kill()
-            process.wait()
+            return process.wait()
 
     def kill(self) -> None:
         """Kill it with SIGKILL."""

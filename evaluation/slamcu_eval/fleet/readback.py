@@ -6,19 +6,19 @@ from collections.abc import Sequence
 from typing import Any
 
 from slamcu_core.formats import ChangeState, ResultFeature
-from slamcu_eval.fleet.cloud import Cloud
+from slamcu_eval.fleet.provider import Provider
 
 _PUBLISHED = frozenset({"confirmed", "accepted", "absorbed"})
 _TO_SOMETHING = frozenset({"moved", "modified"})
 
 
-def standing_changes(cloud: Cloud, map_name: str) -> list[dict[str, Any]]:
+def standing_changes(cloud: Provider, map_name: str) -> list[dict[str, Any]]:
     """Return each change of a map as the feed last told it, in the order in which that was said."""
     pages = cloud.pages("/v1/changes", {"map": map_name, "latest": "true", "limit": "1000"})
     return [entry["change"] for page in pages for entry in page["entries"]]
 
 
-def fused_result(cloud: Cloud, map_name: str) -> list[ResultFeature]:
+def fused_result(cloud: Provider, map_name: str) -> list[ResultFeature]:
     """Return what the cloud says of a map, as the features of a result file: what it has confirmed is a change."""
     changes = [change for change in standing_changes(cloud, map_name) if change["state"] in _PUBLISHED]
     about = {change["map_object_id"]: change for change in changes if change["kind"] != "new"}

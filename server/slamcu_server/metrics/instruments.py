@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.metadata import version
 from typing import Any
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram
 from sqlalchemy import Row
+
+from slamcu_server.database import migrate
 
 
 class Instruments:
@@ -54,6 +57,28 @@ class Instruments:
             "slamcu_change_to_map_seconds_sum", "Of these, the time from the first evidence to the map, summed.",
             ("kind",), registry=self.registry,
         )  # fmt: skip
+        self.fuse_latency = Gauge(
+            "slamcu_aggregation_latency_seconds", "Time from acknowledged to fused, of the newest messages.",
+            ("quantile",), registry=self.registry,
+        )  # fmt: skip
+        self.feed_sequence = Gauge(
+            "slamcu_feed_last_sequence", "Number of the newest entry of the change feed.", registry=self.registry
+        )
+        self.pool = Gauge(
+            "slamcu_database_connections", "Connections of this process to the database, by what they do.", ("state",),
+            registry=self.registry,
+        )  # fmt: skip
+        self.pool_size = Gauge(
+            "slamcu_database_pool_size", "Most connections that this process may have.", registry=self.registry
+        )
+        self.worker_healthy = Gauge(
+            "slamcu_worker_healthy", "1 if this process has a worker and it runs, else 0.", registry=self.registry
+        )
+        self.build = Gauge(
+            "slamcu_build", "1, with the version of the server and the schema that it was made for.",
+            ("version", "schema"), registry=self.registry,
+        )  # fmt: skip
+        self.build.labels(version("slamcu-server"), migrate.head()).set(1)
         for outcome in ("accepted", "duplicate", "rejected"):
             self.messages.labels(outcome)
 
