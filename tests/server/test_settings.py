@@ -60,12 +60,12 @@ def test_any_setting_may_come_from_a_file_and_is_checked_as_ever(
 ) -> None:
     (tmp_path / "port").write_text("many")
     monkeypatch.setenv("SLAMCU_PORT_FILE", str(tmp_path / "port"))
-    with pytest.raises(SettingsError, match="^SLAMCU_PORT: "):
+    with pytest.raises(SettingsError, match=r"^SLAMCU_PORT: "):
         Settings.load()
     (tmp_path / "port").write_text("9000\n")
     assert Settings.load().port == 9000
     monkeypatch.setenv("SLAMCU_PORT", "9001")
-    with pytest.raises(SettingsError, match="^SLAMCU_PORT and SLAMCU_PORT_FILE are both set"):
+    with pytest.raises(SettingsError, match=r"^SLAMCU_PORT and SLAMCU_PORT_FILE are both set"):
         Settings.load()
     monkeypatch.delenv("SLAMCU_PORT")
     monkeypatch.setenv("SLAMCU_PORT_FILE", str(tmp_path / "none"))
@@ -76,7 +76,7 @@ def test_any_setting_may_come_from_a_file_and_is_checked_as_ever(
 def test_two_passwords_are_one_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SLAMCU_DATABASE_URL", "postgresql://user:one@host/name")
     monkeypatch.setenv("SLAMCU_DATABASE_PASSWORD", "two")
-    with pytest.raises(SettingsError, match="^SLAMCU_DATABASE_PASSWORD: ") as told:
+    with pytest.raises(SettingsError, match=r"^SLAMCU_DATABASE_PASSWORD: ") as told:
         _ = Settings.load().connection_url
     assert "two" not in str(told.value)
 
