@@ -25,6 +25,7 @@ def result_features(estimates: Iterable[FeatureEstimate]) -> Iterator[ResultFeat
             if one.passes == 0 or state not in {ChangeState.NORMAL, ChangeState.NEW}:
                 continue
             state = ChangeState.NEW
+        was = one.feature if state in {ChangeState.MOVED, ChangeState.MODIFIED} else None
         xx, xy, yy = one.covariance_m2
         yield ResultFeature(
             state=state,
@@ -42,4 +43,7 @@ def result_features(estimates: Iterable[FeatureEstimate]) -> Iterator[ResultFeat
             feature_class=one.feature_class,
             sign=one.sign,
             value=one.value,
+            from_lonlat=(was.lon, was.lat) if was and state is ChangeState.MOVED else None,
+            map_sign=was.sign if was and state is ChangeState.MODIFIED else None,
+            map_value=was.value if was and state is ChangeState.MODIFIED else None,
         )

@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 
 from slamcu_client.errors import SessionClosedError, SessionError
+from slamcu_client.kinds import with_kinds
 from slamcu_client.outbox import Outbox
 from slamcu_client.records import check_record
 from slamcu_client.reporter import Reporter, ReportPolicy
@@ -206,8 +207,11 @@ class VehicleSession:
         return self._filter.pose
 
     def features(self) -> list[FeatureEstimate]:
-        """Return what this car believes about every feature of the map, also those never in view, and the new ones."""
-        return self._filter.features()
+        """Return what this car believes about every feature of the map, also those never in view, and the new ones.
+
+        A sign that is gone and another in its place are one that is `modified`; see `slamcu_client.kinds`.
+        """
+        return with_kinds(self._filter.features())
 
     @property
     def health(self) -> Health:

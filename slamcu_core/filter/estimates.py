@@ -25,7 +25,7 @@ class FeatureEstimate:
     """What the car believes about one feature."""
 
     feature: MapFeature | None  # of the map or on watch; None: found by this car
-    state: str  # normal, deleted, new or unclassified (section 4.3.3)
+    state: str  # normal, deleted, new or unclassified (section 4.3.3); of a session also modified or moved
     masses: Masses  # with the map's prior
     conflict: float
     lon: float  # degrees

@@ -46,7 +46,12 @@ def occlusion_probability(occluders: Sequence[Occluder], distance: Array, bearin
     for occluder in occluders:
         half = np.arctan2(occluder.width / 2.0 + _OCCLUDER_MARGIN_M, max(occluder.range, 0.1))
         offset = np.abs(bearing - occluder.bearing)
-        behind = 1.0 / (1.0 + np.exp(-(distance - occluder.range) / (0.5 * _OCCLUDER_RANGE_STD)))
-        inside = 1.0 / (1.0 + np.exp(-(half - offset) / np.maximum(0.6 * bearing_std, 1e-4)))
+        behind = _logistic((distance - occluder.range) / (0.5 * _OCCLUDER_RANGE_STD))
+        inside = _logistic((half - offset) / np.maximum(0.6 * bearing_std, 1e-4))
         visible *= 1.0 - behind * inside
     return 1.0 - visible
+
+
+def _logistic(x: Array) -> Array:
+    """Return 1 / (1 + exp(-x)) without overflow."""
+    return np.asarray(1.0 / (1.0 + np.exp(-np.clip(x, -500.0, 500.0))))

@@ -204,15 +204,42 @@ def test_a_watch_feature_is_reported_seen_or_missed_and_never_localized_on() -> 
     assert abs(shift[0]) < 1.0
 
 
-def test_another_sign_at_the_mapped_place_does_not_confirm_the_mapped_one() -> None:
+@pytest.mark.parametrize(
+    ("sign", "value"), [("SPEED_LIMIT", "80"), ("NO_OVERTAKING", None)], ids=["another value", "another type"]
+)
+def test_another_sign_at_the_mapped_place_speaks_against_the_mapped_one_and_for_itself(
+    sign: str, value: str | None
+) -> None:
     def show(_: int, distance: float, bearing: float, rng: np.random.Generator) -> Detection:
-        return seen(distance, bearing, rng, sign="SPEED_LIMIT", value="80")
+        read = rng.random() < 0.85  # the rest has no content, and could be either
+        return seen(distance, bearing, rng, sign=sign if read else None, value=value if read else None)
 
     mapped = feature(1, 100.0, 6.0, sign="SPEED_LIMIT", value="130")
-    car, _ = run([mapped], drive([(100.0, 6.0)], show=show))
+    car, reports = run([mapped], drive([(100.0, 6.0)], show=show))
     assert states(car) == {1: "deleted", None: "new"}
     found = next(f for f in car.features() if f.feature is None)
-    assert (found.sign, found.value) == ("SPEED_LIMIT", "80")
+    assert (found.sign, found.value) == (sign, value)
+    against, confirms = sorted(reports, key=lambda report: report.reference is None)
+    assert against.status is DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE
+    assert against.weight_against > 1.0 > against.weight_for
+    assert (against.sign, against.value) == ("SPEED_LIMIT", "130")
+    assert confirms.status is DetectionStatus.NOT_EXPECTED_AND_DETECTED
+    assert confirms.weight_for > 1.0 > confirms.weight_against
+    assert (confirms.sign, confirms.value) == (sign, value)
+    assert confirms.position is not None
+    place = FRAME.to_local(confirms.position.lon, confirms.position.lat)
+    assert np.hypot(*(place - (100.0, 6.0))) < 1.5
+
+
+def test_a_sign_whose_value_cannot_be_read_confirms_the_mapped_one() -> None:
+    def show(_: int, distance: float, bearing: float, rng: np.random.Generator) -> Detection:
+        return seen(distance, bearing, rng, sign="SPEED_LIMIT" if rng.random() < 0.7 else None)
+
+    mapped = feature(1, 100.0, 6.0, sign="SPEED_LIMIT", value="130")
+    car, (report,) = run([mapped], drive([(100.0, 6.0)], show=show))
+    assert states(car) == {1: "normal"}
+    assert report.status is DetectionStatus.EXPECTED_AND_DETECTED
+    assert report.weight_for > 3.0
 
 
 def test_equal_seeds_give_equal_drives_and_other_seeds_do_not() -> None:
