@@ -8,6 +8,7 @@ from slamcu_core.evidence.weights import (
     conflict,
     masses_from_weights,
     support,
+    support_of,
     weights_from_masses,
 )
 
@@ -22,5 +23,6 @@ __all__ = [
     "discount",
     "masses_from_weights",
     "support",
+    "support_of",
     "weights_from_masses",
 ]

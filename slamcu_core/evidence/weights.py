@@ -6,6 +6,8 @@ combination of two sources adds their f and adds their a; any number of reports 
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -34,6 +36,12 @@ def support(confidence: ArrayLike) -> Array:
     A vacuous observation (λ = 0, eq. 4) weighs nothing. λ above LAMBDA_MAX is clamped.
     """
     return np.asarray(-np.log1p(-clamp_confidence(confidence)))
+
+
+@lru_cache(4096)
+def support_of(confidence: float) -> float:
+    """Return the weight of simple support of one confidence, as `support` does of many; few differ."""
+    return float(support(confidence))
 
 
 def masses_from_weights(weight_for: ArrayLike, weight_against: ArrayLike) -> tuple[Array, Array, Array]:

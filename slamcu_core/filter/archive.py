@@ -37,12 +37,12 @@ class MapLedger:
         self.weight_against[source] = table.weight_against[rows]
         self.passes[source] = table.passes[rows]
 
-    def restore(self, table: FeatureTable, row: int) -> None:
-        """Give a row of the table back what was noted of its feature."""
-        source = table.source[row]
-        table.weight_for[row] = self.weight_for[source]
-        table.weight_against[row] = self.weight_against[source]
-        table.passes[row] = self.passes[source]
+    def restore(self, table: FeatureTable, rows: Index) -> None:
+        """Give rows of the table back what was noted of their features."""
+        source = table.source[rows]
+        table.weight_for[rows] = self.weight_for[source]
+        table.weight_against[rows] = self.weight_against[source]
+        table.passes[rows] = self.passes[source]
 
     def clear(self) -> None:
         """Forget everything."""
@@ -93,6 +93,10 @@ class FoundArchive:
     def place(self, row: int, frame: LocalFrame) -> Array:
         """Return where a row is, (2,) m in a frame."""
         return frame.to_local(*self.table.xy[row])
+
+    def places(self, rows: list[int], frame: LocalFrame) -> Array:
+        """Return where rows are, (K, 2) m in a frame."""
+        return frame.to_local(*self.table.xy[rows].T)
 
     def seen_from(self, row: int, frame: LocalFrame) -> Array:
         """Return where a row was seen from on average, (2,) m in a frame."""

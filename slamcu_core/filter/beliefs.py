@@ -56,7 +56,8 @@ class Beliefs:
             xy = np.array([xx * x + cross * y, cross * x + yy * y])
             covariance += self._particles.place_covariance()
         elif table.slot[row] >= 0:
-            xy, covariance = self._particles.collapse(int(table.slot[row]))
+            means, covariances = self._particles.collapse(table.slot[[row]])
+            xy, covariance = means[:, 0], covariances[:, 0]
         else:
             xy, covariance = table.xy[row].copy(), table.covariance[row].copy()
         if table.view_weight[row] > 0.0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 
 from slamcu_core.filter import existence
 from slamcu_core.filter.ekf import birth_covariance
-from slamcu_core.filter.existence import State
 from slamcu_core.filter.neighbourhood import Neighbourhood
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
@@ -176,39 +176,38 @@ class MapManagement:
             table, rows, self._proven(rows) | (table.kind[rows] != Kind.NEW) | table.reported[rows]
         )
 
-    def give_birth(self, model: SensorModel, seen: Seen, detection: int, now: Instant) -> None:
-        """Register an unassociated detection as a new feature with vacuous existence (eq. 4), in every particle."""
-        slot = self._around.free_slot(self._particles)
-        if slot is None:
+    def give_birth(self, model: SensorModel, seen: Seen, alone: Index, now: Instant) -> None:
+        """Register unassociated detections as new features with vacuous existence (eq. 4), in every particle."""
+        slots = self._around.free_slots(self._particles)[: len(alone)]
+        alone = alone[: len(slots)]
+        if not len(alone):
             return
         particles, table = self._particles, self._table
-        measured = np.repeat(seen.measurement[:, detection, None], len(particles), axis=1)
+        measured = np.empty((2, len(alone), len(particles)))
+        measured[:] = seen.measurement[:, alone, None]
         if model.has_bearing:
             measured[0] /= 1.0 + particles.calibration[0]
             measured[1] -= particles.calibration[1]
-        place, by_feature = model.born(particles.pose, measured)
-        noise = seen.noise[:, detection, None] / now.share
-        particles.means[:, slot] = place
-        particles.covariances[:, slot] = birth_covariance(by_feature, noise)
-        codes = {
-            "feature_class": int(seen.feature_class[detection]),
-            "sign": int(seen.sign[detection]),
-            "value": int(seen.value[detection]),
-        }
-        row = table.add(Kind.NEW, **codes)
-        self._votes.pop(row, None)  # of a find that had this row before and was left behind
-        table.slot[row] = slot
-        table.nominal[row] = model.sensor.detection_probability
-        table.born[row] = now.t
-        table.hits[row] = 1
-        table.xy[row] = place @ particles.weights
-        table.axis[row] = np.cos(now.reckoned[2]), np.sin(now.reckoned[2])
-        table.origin[row] = now.reckoned[:2]
-        self._begin_passes(np.array([row]), now.t)
-        table.pass_last[row] = now.t
-        table.detected[row] = 1
-        self._sight(model, np.array([row]), seen, np.array([detection]), now)
-        self._around.rows = np.append(self._around.rows, row)
+        places, by_feature = model.born(particles.pose, measured)
+        particles.means[:, slots] = places
+        particles.covariances[:, slots] = birth_covariance(by_feature, seen.noise[:, alone, None] / now.share)
+        rows = table.take(len(alone))
+        for row in rows.tolist():
+            self._votes.pop(row, None)  # of a find that had this row before and was left behind
+        table.kind[rows], table.slot[rows] = Kind.NEW, slots
+        table.feature_class[rows] = seen.feature_class[alone]
+        table.sign[rows], table.value[rows] = seen.sign[alone], seen.value[alone]
+        table.nominal[rows] = model.sensor.detection_probability
+        table.born[rows] = now.t
+        table.hits[rows] = 1
+        table.xy[rows] = (places @ particles.weights).T
+        table.axis[rows] = math.cos(now.reckoned[2]), math.sin(now.reckoned[2])
+        table.origin[rows] = now.reckoned[:2]
+        self._begin_passes(rows, now.t)
+        table.pass_last[rows] = now.t
+        table.detected[rows] = 1
+        self._sight(model, rows, seen, alone, now)
+        self._around.rows = np.concatenate([self._around.rows, rows])
 
     def forget_refuted(self, rows: Index) -> None:
         """Forget finds that the evidence speaks against before anybody was told of them."""
@@ -241,7 +240,8 @@ class MapManagement:
         for row in rows:
             self.open.discard(row)
             if table.kind[row] == Kind.NEW and not table.reported[row]:
-                if self.classify(np.array([row], dtype=np.intp))[0] != State.NEW:
+                one = np.array([row], dtype=np.intp)
+                if not (existence.exists(table, one) & self._proven(one))[0]:
                     self._forget(row)
                     continue
                 table.reported[row] = True

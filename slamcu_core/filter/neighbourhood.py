@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.evidence import support
+from slamcu_core.evidence import support_of
 from slamcu_core.filter.archive import FoundArchive, MapLedger
 from slamcu_core.filter.ekf import turned
 from slamcu_core.filter.particles import Particles
@@ -35,7 +37,7 @@ class Neighbourhood:
     ) -> None:
         self._table, self._map, self._names, self._reach = table, hd_map, names, reach
         self.frame = frame
-        self.rows: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
+        self.rows: NDArray[np.intp] = np.zeros(0, dtype=np.intp)  # the map's first; replaced, never changed in place
         self._row_of: dict[int, int] = {}
         self.ledger = MapLedger(len(hd_map))
         self.found = FoundArchive(kept_finds)
@@ -47,7 +49,7 @@ class Neighbourhood:
 
     def refresh(self, place: Array, particles: Particles, *, force: bool = False) -> bool:
         """Look up again what is near a place (2,) m if the car has moved; return whether the rows changed."""
-        if not force and self._centre is not None and np.hypot(*(place - self._centre)) < _STEP_M:
+        if not force and self._centre is not None and math.dist(place, self._centre) < _STEP_M:
             return False
         self._centre = place.copy()
         lon, lat = self.frame.to_geographic(place)
@@ -75,45 +77,47 @@ class Neighbourhood:
         """Return the rows of map features, made for those that the car has not been near before."""
         new = [index for index in indices.tolist() if index not in self._row_of]
         if new:
-            xy = self.frame.to_local(*self._map.lonlat[new].T)
-            for index, place in zip(new, xy, strict=True):
-                self._row_of[index] = self._add(index, place)
+            self._add(new)
         return np.array([self._row_of[index] for index in indices.tolist()], dtype=np.intp)
 
-    def _add(self, index: int, place: Array) -> int:
-        feature, names, table = self._map.features[index], self._names, self._table
-        row = table.add(
-            Kind.WATCH if feature.watched else Kind.MAP,
-            feature_class=names.code(feature.feature_class),
-            sign=names.code(feature.sign),
-            value=names.code(feature.value),
-            prior=0.0 if feature.watched else float(support(feature.existence_confidence)),
-        )
-        table.source[row] = index
-        table.xy[row] = place
-        table.covariance[row] = feature.position_std_m**2 * np.array([1.0, 0.0, 1.0])
-        self.ledger.restore(table, row)
-        return row
+    def _add(self, indices: list[int]) -> None:
+        """Take features of the map into the table."""
+        table, code, features = self._table, self._names.code, [self._map.features[index] for index in indices]
+        rows = table.take(len(indices))
+        table.kind[rows] = [Kind.WATCH if feature.watched else Kind.MAP for feature in features]
+        table.feature_class[rows] = [code(feature.feature_class) for feature in features]
+        table.sign[rows] = [code(feature.sign) for feature in features]
+        table.value[rows] = [code(feature.value) for feature in features]
+        table.prior[rows] = [0.0 if item.watched else support_of(item.existence_confidence) for item in features]
+        table.source[rows] = indices
+        table.xy[rows] = self.frame.to_local(*self._map.lonlat[indices].T)
+        variance = np.array([feature.position_std_m for feature in features]) ** 2
+        table.covariance[rows] = variance[:, None] * [1.0, 0.0, 1.0]
+        self.ledger.restore(table, rows)
+        self._row_of.update(zip(indices, rows.tolist(), strict=True))
 
     def _own(self, place: Array, particles: Particles) -> NDArray[np.intp]:
         """Return the car's own finds that are near; wake those that came back, collapse those left behind."""
         table = self._table
         lon, lat = (float(value) for value in self.frame.to_geographic(place))
-        for kept in self.found.near(lon, lat, self._reach + 2.0 * _STEP_M):
-            if np.hypot(*(self.found.place(kept, self.frame) - place)) < self._reach + 2.0 * _STEP_M:
-                self.found.give_back(kept, table, self.frame)
+        kept = self.found.near(lon, lat, self._reach + 2.0 * _STEP_M)
+        if kept:
+            away = np.hypot(*(self.found.places(kept, self.frame) - place).T)
+            for index in (away < self._reach + 2.0 * _STEP_M).nonzero()[0].tolist():
+                self.found.give_back(kept[index], table, self.frame)
         own = ((table.kind == Kind.NEW) & table.alive).nonzero()[0]
         live = table.slot[own] >= 0
         if len(own):
             weights = particles.weights
             table.xy[own[live]] = (particles.means[:, table.slot[own[live]]] @ weights).T
         distance = np.hypot(*(table.xy[own] - place).T)
-        for row in own[live & (distance > self._reach + _KEEP_M)]:
-            table.xy[row], table.covariance[row] = particles.collapse(int(table.slot[row]))
-            table.slot[row] = -1
+        behind = own[live & (distance > self._reach + _KEEP_M)]
+        if len(behind):
+            means, covariances = particles.collapse(table.slot[behind])
+            table.xy[behind], table.covariance[behind] = means.T, covariances.T
+            table.slot[behind] = -1
         for row in own[~live & (distance < self._reach + 2.0 * _STEP_M)]:
-            slot = self.free_slot(particles)
-            if slot is not None:
+            for slot in self.free_slots(particles)[:1]:
                 particles.means[:, slot] = table.xy[row][:, None]
                 particles.covariances[:, slot] = table.covariance[row][:, None]
                 table.slot[row] = slot
@@ -121,18 +125,15 @@ class Neighbourhood:
             self.found.put(table, row, self.frame)
         return np.asarray(own[table.slot[own] >= 0])
 
-    def free_slot(self, particles: Particles) -> int | None:
-        """Return a slot of the particles' arrays that no row uses, or None."""
-        table = self._table
-        used = table.slot[(table.kind == Kind.NEW) & table.alive]
-        taken = np.zeros(particles.means.shape[1] + 1, dtype=bool)  # one more that is always free
-        taken[used[used >= 0]] = True
-        slot = int(taken.argmin())
-        return slot if slot < len(taken) - 1 else None
+    def free_slots(self, particles: Particles) -> NDArray[np.intp]:
+        """Return the slots of the particles' arrays that no row uses."""
+        taken = np.zeros(particles.means.shape[1] + 1, dtype=bool)
+        taken[self._table.slot] = True  # rows without one, which say -1, take the last
+        return (~taken[:-1]).nonzero()[0]
 
     def reanchor(self, place: Array, particles: Particles) -> bool:
         """Move the local frame to `place` if that is far from its anchor, carrying rows and particles along."""
-        if np.hypot(*place) < _REANCHOR_M:
+        if math.hypot(*place) < _REANCHOR_M:
             return False
         lon, lat = self.frame.to_geographic(place)
         old, new = self.frame, LocalFrame(float(lon), float(lat))

@@ -167,9 +167,9 @@ class Particles:
             self.pending = self.pending[..., index]
         self.log_weight = np.zeros(len(index))
 
-    def collapse(self, slot: int) -> tuple[Array, Array]:
-        """Return mean (2,) and covariance (3,) of one new feature over all particles: the moments of the mixture."""
-        weights = self.weights
-        mean = self.means[:, slot] @ weights
-        x, y = self.means[:, slot] - mean[:, None]
-        return mean, (self.covariances[:, slot] + np.array([x * x, x * y, y * y])) @ weights
+    def collapse(self, slots: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Return means (2, K) and covariances (3, K) of new features over all particles: the mixtures' moments."""
+        weights, means = self.weights, self.means.take(slots, axis=1)
+        mean = means @ weights
+        x, y = means - mean[:, :, None]
+        return mean, (self.covariances.take(slots, axis=1) + np.array([x * x, x * y, y * y])) @ weights

@@ -6,7 +6,7 @@ One step follows the paper's Figure 5: predict (eq. 12), pre-associate (4.3.1), 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,8 @@ class _Sensor:
     update: FrameUpdate
     codes: Index  # of the classes that it detects
     last_frame: float = -np.inf
+    around: Index | None = None  # the neighbourhood's rows ...
+    fitting: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # ... and those of classes it detects
     occluders: tuple[Occluder, ...] = ()
     occluders_at: float = -np.inf
 
@@ -230,16 +232,17 @@ class SlamcuFilter:
 
     def _reachable(self, sensor: _Sensor, pose: Array) -> Index:
         """Return the active rows that the sensor could see from near the mean pose."""
-        rows = self._around.rows
-        if not len(rows):
-            return rows
         table, spec = self._table, sensor.model.sensor
-        xy = table.xy[rows]
-        sight = sensor.model.sight(pose[:, None], xy.T)
-        near = sight.distance < spec.max_range_m + 10.0
-        ahead = (np.abs(wrap_angle(sight.bearing)) < sensor.model.half_angle + 0.2) | (sight.distance < 5.0)
-        rows = rows[near & ahead & table.alive[rows]]
-        return np.asarray(rows[(table.feature_class[rows, None] == sensor.codes).any(axis=1)])
+        if sensor.around is not self._around.rows:
+            sensor.around = rows = self._around.rows
+            sensor.fitting = rows[(table.feature_class[rows, None] == sensor.codes).any(axis=1)]
+        rows = sensor.fitting
+        sight = sensor.model.sight(pose[:, None], table.xy.T.take(rows, axis=1))
+        aside = wrap_angle(sight.bearing)
+        seen = np.abs(aside, out=aside) < sensor.model.half_angle + 0.2
+        seen |= sight.distance < 5.0
+        seen &= sight.distance < spec.max_range_m + 10.0
+        return rows[seen]
 
     def _manage(self, sensor: _Sensor, view: View, seen: Seen, now: Instant) -> None:
         """Take one frame through section 4.3 and 5.2-5.3."""
@@ -268,9 +271,10 @@ class SlamcuFilter:
             update.update_new(matches, now.share)
             table.looks_hit[rows] += now.share
         management.forget_refuted(view.rows)
-        for alone in (columns < 0).nonzero()[0].tolist():
-            if seen.feature_class[alone] in sensor.codes:
-                management.give_birth(sensor.model, seen, alone, now)
+        if len(detections) < len(columns):
+            alone = (columns < 0).nonzero()[0]
+            known = (seen.feature_class[alone, None] == sensor.codes).any(axis=1)
+            management.give_birth(sensor.model, seen, alone[known], now)
 
     def _remember(self, model: SensorModel, seen: Seen, now: Instant) -> None:
         if not seen.measurement.shape[1]:

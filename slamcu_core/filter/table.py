@@ -138,13 +138,20 @@ class FeatureTable:
 
     def add(self, kind: int, *, feature_class: int, sign: int, value: int, prior: float = 0.0) -> int:
         """Take a row into use and return its index."""
-        row = self._unused_row()
-        for store in self._store.values():
-            store[row] = 0
-        self.kind[row], self.source[row], self.slot[row], self.alive[row] = kind, -1, -1, True
+        row = int(self.take(1)[0])
+        self.kind[row] = kind
         self.feature_class[row], self.sign[row], self.value[row] = feature_class, sign, value
         self.prior[row] = prior
         return row
+
+    def take(self, count: int) -> NDArray[np.intp]:
+        """Take rows into use, about which nothing is known yet, and return their indices."""
+        rows = np.array([self._unused_row() for _ in range(count)], dtype=np.intp)
+        for store in self._store.values():
+            store[rows] = 0
+        self.source[rows] = self.slot[rows] = -1
+        self.alive[rows] = True
+        return rows
 
     def take_over(self, other: FeatureTable, row: int) -> int:
         """Copy a row of another table and return its index here; it has no slot."""

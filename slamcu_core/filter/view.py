@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.drive import Detection, Occluder
-from slamcu_core.evidence import support
+from slamcu_core.evidence import support_of
 from slamcu_core.filter import ekf
 from slamcu_core.filter.association import Marginal, marginalise
 from slamcu_core.filter.calibration import SensorCalibration
@@ -56,15 +55,10 @@ def read_detections(model: SensorModel, items: tuple[Detection, ...], names: Voc
     if any(item.sign is not None or item.value is not None for item in items):
         sign = np.array([names.code(item.sign) for item in items], dtype=np.intp)
         value = np.array([names.code(item.value) for item in items], dtype=np.intp)
-    weight = np.array([_support(item.confidence) for item in items])
+    weight = np.array([support_of(item.confidence) for item in items])
     return Seen(
         measurement, model.noise(measurement), *model.in_vehicle(measurement), feature_class, sign, value, weight
     )
-
-
-@lru_cache(1024)
-def _support(confidence: float) -> float:
-    return float(support(confidence))
 
 
 @dataclass(frozen=True, slots=True)

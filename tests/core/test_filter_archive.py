@@ -118,7 +118,7 @@ def test_the_ledger_gives_a_map_feature_its_evidence_back() -> None:
     again = table.add(Kind.MAP, feature_class=1, sign=0, value=0, prior=3.0)
     table.source[again] = 4
     assert (again, table.weight_for[again]) == (row, 0.0), "a row used again starts empty"
-    ledger.restore(table, again)
+    ledger.restore(table, np.array([again]))
     assert (table.weight_for[again], table.weight_against[again], table.passes[again]) == (2.5, 0.5, 3)
     ledger.clear()
     assert not ledger.passes.any()
