@@ -16,7 +16,7 @@ from slamcu_core.aggregation import Policy
 from slamcu_core.errors import SlamcuError
 from slamcu_core.reports import ReportMessage
 from slamcu_core.sensoris import decode_message
-from slamcu_server.aggregation import log, reads, writes
+from slamcu_server.aggregation import log, quiet, reads, writes
 from slamcu_server.aggregation.cells import Cell
 from slamcu_server.aggregation.locks import CELL_BUDGET, BeyondLockedCells, lock_cells, require_cells
 from slamcu_server.aggregation.passes import StoredPass
@@ -93,15 +93,18 @@ async def _fuse(
     reasons |= unresolvable
     taken, cells = within_budget(resolved, policy.lock_reach_m, CELL_BUDGET, further)
     if taken:
+        # Nobody sees these before the commit, so they need no lock: other batches fold meanwhile.
+        plain = await _store_plain(connection, taken, retractions=retractions)
+        await log.mark_fused(connection, (message.claimed.id for message in taken))
         await lock_cells(connection, cells)
         # What candidates are may have changed while waiting: another batch can have merged them, a review
         # accepted them.
-        messages = [message.claimed for message in taken]
-        known = await reads.lookups(connection, [message.report for message in taken])
-        taken, unresolvable = _resolve(messages, reports, known)
-        reasons |= unresolvable
-        entries = await _fold(connection, taken, known, cells, policy, retractions=retractions)
-        await log.mark_fused(connection, (message.claimed.id for message in taken))
+        known = await reads.lookups_again(connection, known)
+        taken = [resolve_message(message.claimed, message.report, known) for message in taken]
+        others = await _store_others(connection, taken, cells, policy, retractions=retractions)
+        loud = await quiet.append(connection, [*plain, *others], policy)
+        beliefs = await refold(connection, Touched(loud, _places(others, known)), cells, policy)
+        entries = await feed.publish(connection, beliefs, policy)
     else:
         entries = []
     await log.quarantine(connection, reasons)
@@ -109,25 +112,42 @@ async def _fuse(
     return Fused(len(taken), len(reasons))
 
 
-async def _fold(
+async def _store_plain(
+    connection: AsyncConnection, messages: Sequence[ResolvedMessage], *, retractions: bool
+) -> list[StoredPass]:
+    """Store the passes that name map features, and return those that no retraction takes out."""
+    plain = [_only(message, plain=True) for message in messages]
+    if retractions:
+        return await _marked(connection, await writes.insert_passes(connection, plain))
+    await writes.copy_passes(connection, plain)
+    return [item for message in plain for item in message.passes]
+
+
+async def _store_others(
     connection: AsyncConnection,
     messages: Sequence[ResolvedMessage],
-    known: Lookups,
     held: frozenset[Cell],
     policy: Policy,
     *,
     retractions: bool,
-) -> list[feed.Entry]:
+) -> list[StoredPass]:
+    """Store the other passes, with what they turn out to be about, and return those that no retraction takes out."""
     require_cells(cells_of((anchor for message in messages for anchor in message.anchors), policy), held)
-    passes = await writes.insert_passes(connection, await _match(connection, messages, policy))
-    if retractions:
-        out = await marks.mark(connection, (item.id for item in passes))
-        passes = [item for item in passes if item.id not in out]
-    features = frozenset(item.feature_id for item in passes if item.feature_id is not None and not item.archived)
-    anchors = await reads.anchors(connection, features)
-    require_cells(cells_of(anchors, policy), held)
-    beliefs = await refold(connection, Touched(features, _places(passes, known)), held, policy)
-    return await feed.publish(connection, beliefs, policy)
+    others = await _match(connection, [_only(message, plain=False) for message in messages], policy)
+    matched = {item.feature_id for message in others for item in message.passes if item.feature_id is not None}
+    require_cells(cells_of(await reads.anchors(connection, matched), policy), held)
+    passes = await writes.insert_passes(connection, others)
+    return await _marked(connection, passes) if retractions else passes
+
+
+async def _marked(connection: AsyncConnection, passes: Sequence[StoredPass]) -> list[StoredPass]:
+    out = await marks.mark(connection, (item.id for item in passes))
+    return [item for item in passes if item.id not in out]
+
+
+def _only(message: ResolvedMessage, *, plain: bool) -> ResolvedMessage:
+    """Return a message with those of its passes that are plainly about a map feature, or with the others."""
+    return replace(message, passes=tuple(item for item in message.passes if item.plain is plain))
 
 
 async def _match(
@@ -135,9 +155,9 @@ async def _match(
 ) -> list[ResolvedMessage]:
     """Tie passes that name nothing to the map features they must be about."""
     unreferenced = [
-        (number, item.key[3], (item.map_id, *item.place[:2]))
+        (number, index, (item.map_id, *item.place[:2]))
         for number, message in enumerate(messages)
-        for item in message.passes
+        for index, item in enumerate(message.passes)
         if item.place and item.feature_id is None and item.watch_id is None
     ]
     nearby = await reads.features_near(connection, [place for *_, place in unreferenced], reads.degrees(policy.reach_m))

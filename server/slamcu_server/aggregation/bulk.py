@@ -11,7 +11,8 @@ Row = Mapping[str, Any]
 def unnest(types: Mapping[str, str], alias: str = "r") -> str:
     """Return the SQL of a table of arrays, one parameter and column for each name."""
     arrays = ", ".join(f"CAST(:{name} AS {kind}[])" for name, kind in types.items())
-    return f"unnest({arrays}) AS {alias}({', '.join(types)})"
+    columns = ", ".join(f'"{name}"' for name in types)
+    return f"unnest({arrays}) AS {alias}({columns})"
 
 
 def arrays(types: Mapping[str, str], rows: Sequence[Row]) -> dict[str, list[Any]]:

@@ -8,9 +8,11 @@ from datetime import datetime
 from slamcu_core.aggregation import PassEvidence
 from slamcu_core.reports import DetectionStatus
 
-_FOUND = frozenset({DetectionStatus.EXPECTED_AND_DETECTED, DetectionStatus.NOT_EXPECTED_AND_DETECTED})
-_OWN_FIND_MISSED = frozenset(
-    {DetectionStatus.EXPECTED_AND_NOT_DETECTED, DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE}
+# tuples: a member is found in them by its identity, in a set by the slow hash of an enumeration
+_FOUND = (DetectionStatus.EXPECTED_AND_DETECTED, DetectionStatus.NOT_EXPECTED_AND_DETECTED)
+_OWN_FIND_MISSED = (
+    DetectionStatus.EXPECTED_AND_NOT_DETECTED,
+    DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE,
 )
 
 PassKey = tuple[int, str, int, int]
@@ -82,12 +84,17 @@ class StoredPass:
         return self.status is DetectionStatus.NOT_EXPECTED_AND_DETECTED or self.status in _OWN_FIND_MISSED
 
     @property
-    def evidence(self) -> PassEvidence:
-        """Its weights, none if it does not count or was blocked (occlusion is vacuous, eq. 4)."""
+    def plain(self) -> bool:
+        """Whether it names the map feature that it is about: nothing that others report can make it another."""
+        return self.feature_id is not None and self.watch_id is None
+
+    @property
+    def weights(self) -> tuple[float, float]:
+        """Its weights for and against; none if it does not count or was blocked (occlusion is vacuous, eq. 4)."""
         speaks = self.counts and not self.blocked
-        return PassEvidence(
-            contributor=self.contributor,
-            ended_at=self.ended_at.timestamp(),
-            weight_for=self.weight_for if speaks else 0.0,
-            weight_against=self.weight_against if speaks else 0.0,
-        )
+        return (self.weight_for, self.weight_against) if speaks else (0.0, 0.0)
+
+    @property
+    def evidence(self) -> PassEvidence:
+        """What the law folds of it."""
+        return PassEvidence(self.contributor, self.ended_at.timestamp(), *self.weights)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from sqlalchemy import Row, text
 from sqlalchemy.ext.asyncio import AsyncConnection
@@ -41,6 +41,17 @@ class MappedFeature:
 
 
 @dataclass(frozen=True, slots=True)
+class WindowedFeature:
+    """A map feature and the window of the passes that it was folded from before this transaction."""
+
+    id: int
+    feature_class: str
+    existence_confidence: float
+    said: bool  # whether there has ever been a change about it, or evidence against it has mattered before
+    window: bytes | None  # None: there is none, or it may not be of all its passes
+
+
+@dataclass(frozen=True, slots=True)
 class KnownCandidate:
     """A candidate as stored."""
 
@@ -71,6 +82,11 @@ async def lookups(connection: AsyncConnection, reports: Collection[ReportMessage
         ),
         watches=await watches(connection, {reference.object_id for reference in references if reference.watched}),
     )
+
+
+async def lookups_again(connection: AsyncConnection, known: Lookups) -> Lookups:
+    """Return what is known, with what watch features are now: all else stays what it was for ever."""
+    return replace(known, watches=await watches(connection, known.watches))
 
 
 async def _features_by_object(
@@ -135,6 +151,33 @@ async def features(connection: AsyncConnection, ids: Iterable[int]) -> dict[int,
         {"ids": sorted(set(ids))},
     )
     return {row.id: MappedFeature(**row._mapping) for row in found}  # noqa: SLF001  (a row's public mapping)
+
+
+async def windowed_features(connection: AsyncConnection, added: Mapping[int, int]) -> list[WindowedFeature]:
+    """Return map features with their windows, by id; `added` says how many passes each has got in this transaction.
+
+    A window counts if nothing has written the row since it was packed: a server before 0.3 leaves it as it was. Where
+    there is no row, nothing was known if nothing but what was just added is stored.
+    """
+    types = {"id": "bigint", "added": "integer"}
+    rows = [{"id": key, "added": added[key]} for key in sorted(added)]
+    found = await connection.execute(
+        text(f"""
+        SELECT r.id, v.feature_class, v.existence_confidence,
+               EXISTS (SELECT FROM changes c WHERE c.feature_id = r.id)
+               OR COALESCE(s.weight_against > s.weight_for OR s.fades_at IS NOT NULL, false) AS said,
+               CASE WHEN s.feature_id IS NOT NULL THEN CASE WHEN s.window_at = s.updated_at THEN s.passes_window END
+                    WHEN (SELECT count(*) FROM (SELECT FROM passes p WHERE p.feature_id = r.id LIMIT r.added + 1) few)
+                         <= r.added THEN ''::bytea END AS "window"
+        FROM {unnest(types)}
+        CROSS JOIN LATERAL (
+            SELECT feature_class, existence_confidence FROM feature_versions
+            WHERE feature_id = r.id ORDER BY from_sequence DESC LIMIT 1) v
+        LEFT JOIN feature_states s ON s.feature_id = r.id
+        ORDER BY r.id"""),  # noqa: S608  (constants)
+        arrays(types, rows),
+    )
+    return [WindowedFeature(row.id, row.feature_class, row.existence_confidence, row.said, row.window) for row in found]
 
 
 async def features_near(

@@ -12,7 +12,7 @@ from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from slamcu_core.aggregation import Policy
-from slamcu_server.aggregation import reads, writes
+from slamcu_server.aggregation import reads, windows, writes
 from slamcu_server.aggregation.folding import fold_candidates, fold_features, partition
 from slamcu_server.aggregation.locks import lock_maps
 from slamcu_server.aggregation.pairs import Held, pair_beliefs
@@ -52,12 +52,21 @@ async def _feature_differences(connection: AsyncConnection, policy: Policy) -> t
     summaries = fold_features(features.values(), passes, policy)
     wanted = {key: writes.feature_row(summary, policy.version) for key, summary in summaries.items()}
     stored = await _stored(connection, "SELECT *, feature_id AS key FROM feature_states")
+    found = list(_compare("feature", wanted, stored))
+    for key in sorted(wanted.keys() & stored.keys()):
+        packed, row = windows.of_kept(passes.get(key, ()), summaries[key].expired), stored[key]
+        if row["window_at"] == row["updated_at"] and _sorted(row["passes_window"]) != _sorted(packed):
+            found.append(f"feature {key}: its window is not of its passes")
     beliefs = {
         key: feature_belief(features[key], summary, policy.version)
         for key, summary in summaries.items()
         if features[key].in_map
     }
-    return list(_compare("feature", wanted, stored)), beliefs
+    return found, beliefs
+
+
+def _sorted(window: bytes) -> list[tuple[float, ...]]:
+    return sorted(windows.unpack([window]).tolist())
 
 
 async def _candidate_differences(connection: AsyncConnection, policy: Policy, features: Held) -> list[str]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.aggregation import Policy
-from slamcu_server.aggregation import reads, writes
+from slamcu_server.aggregation import reads, windows, writes
 from slamcu_server.aggregation.cells import Cell, cells_within
 from slamcu_server.aggregation.evidence import Place, Summary
 from slamcu_server.aggregation.folding import CandidateFold, fold_candidates, fold_features, partition
@@ -111,7 +111,16 @@ async def _refold_features(
     passes = await reads.passes_over_features(connection, ids)
     features = await reads.features(connection, ids if ids is not None else await reads.reported_features(connection))
     summaries = await asyncio.to_thread(fold_features, features.values(), passes, policy)
-    await writes.upsert_feature_states(connection, summaries, policy.version)
+    rows = {
+        key: {
+            **writes.feature_row(summary, policy.version),
+            "forgotten_looked": summary.forgotten_looked,
+            "forgotten_blocked": summary.forgotten_blocked,
+            "passes_window": windows.of_kept(passes.get(key, ()), summary.expired),
+        }
+        for key, summary in summaries.items()
+    }
+    await writes.upsert_feature_states(connection, rows)
     await writes.delete_passes(connection, (key for summary in summaries.values() for key in summary.expired))
     beliefs = {
         key: feature_belief(features[key], summary, policy.version)

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slamcu_core.aggregation import ClassPolicy
+from slamcu_core.evidence import masses_from_weights
 from slamcu_server.changes.belief import DENIED, IN_THE_MAP, Belief, Kind, State, Subject
 from slamcu_server.changes.document import Document
 
@@ -126,6 +128,21 @@ def decide(claim: Claim, published: Published | None, rules: ClassPolicy) -> Tra
         return Transition(State.CONFIRMED, opens=True) if anew else None
     following = _follow(claim, published, rules)
     return None if following is None else Transition(following, opens=False)
+
+
+def may_speak(
+    weight_for: NDArray[np.float64],
+    weight_against: NDArray[np.float64],
+    standing: NDArray[np.bool_],
+    rules: ClassPolicy,
+) -> NDArray[np.bool_]:
+    """Return (N,), about which of N map features without a change something could be said, or could fade.
+
+    Any that stands, that evidence prevails against, or whose deletion is worth more than what is dropped.
+    """
+    _, not_exists, _ = masses_from_weights(weight_for, weight_against)
+    # rather one too many than one too few for rounding
+    return np.asarray(standing | (weight_against > weight_for) | (not_exists >= (1.0 - 1e-6) * rules.closing_mass))
 
 
 def _follow(claim: Claim, published: Published, rules: ClassPolicy) -> State | None:

@@ -249,10 +249,12 @@ passes = Table(
     "passes",
     metadata,
     Column("id", BigInteger, Identity(), primary_key=True),
-    Column("message", BigInteger, ForeignKey("messages.id"), nullable=False),
+    # What a pass names is there, or it would not have been resolved. Foreign keys would check it row by row again, for
+    # more than all else that storing a pass costs.
+    Column("message", BigInteger, nullable=False),
     Column("index_in_message", Integer, nullable=False),
-    Column("map_id", BigInteger, ForeignKey("maps.id", ondelete="CASCADE"), nullable=False),
-    Column("contributor_id", BigInteger, ForeignKey("accounts.id"), nullable=False),
+    Column("map_id", BigInteger, nullable=False),
+    Column("contributor_id", BigInteger, nullable=False),
     Column("started_at", DateTime(timezone=True), nullable=False),
     Column("ended_at", DateTime(timezone=True), nullable=False),
     Column("status", Text, nullable=False),
@@ -264,7 +266,7 @@ passes = Table(
     Column("frames_detected", Integer, nullable=False),
     Column("frames_missed", Integer, nullable=False),
     Column("frames_blocked", Integer, nullable=False),
-    Column("feature_id", BigInteger, ForeignKey("features.id", ondelete="CASCADE")),  # the map feature it is about
+    Column("feature_id", BigInteger),  # the map feature it is about
     Column("watch_id", BigInteger, ForeignKey("candidates.id")),  # the watch feature it named
     Column("candidate_id", BigInteger, ForeignKey("candidates.id")),  # the candidate it now counts for
     _point(nullable=True),
@@ -316,6 +318,8 @@ feature_states = Table(
         "forgotten_looked", BigInteger, nullable=False, server_default=text("0")
     ),  # passes that are not kept any more
     Column("forgotten_blocked", BigInteger, nullable=False, server_default=text("0")),
+    Column("passes_window", LargeBinary),  # the passes that it is folded from: slamcu_server.aggregation.windows
+    Column("window_at", DateTime(timezone=True)),  # the updated_at that the window belongs to
 )
 
 trust_versions = Table(

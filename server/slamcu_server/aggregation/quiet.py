@@ -1,0 +1,156 @@
+"""Add passes to map features of which the feed has nothing to say: nearly all of them, nearly always.
+
+Their windows are read, folded side by side and written back, without an object for each pass that is stored. A feature
+that might speak, because evidence against it gathers or because the feed knows it, is left to `refold`, which folds
+from the stored passes and decides; so is one whose window may not be of all its passes. Both ways fold the same passes
+by the same law.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy.ext.asyncio import AsyncConnection
+
+from slamcu_core.aggregation import EPOCH_S, FoldedColumns, PassColumns, Policy, fold_columns
+from slamcu_core.evidence import support
+from slamcu_server.aggregation import reads, windows, writes
+from slamcu_server.aggregation.passes import StoredPass
+from slamcu_server.aggregation.reads import WindowedFeature
+from slamcu_server.changes.transitions import may_speak
+
+_EPOCH_US = round(EPOCH_S * 1e6)
+_START = datetime(1970, 1, 1, tzinfo=UTC)
+_NEVER = np.iinfo(np.int64).min
+
+Flags = NDArray[np.bool_]
+Times = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class _Fold:
+    """What N features are folded to, and their windows."""
+
+    state: FoldedColumns
+    passes: NDArray[np.intp]  # (N,)
+    looked: NDArray[np.intp]
+    blocked: NDArray[np.intp]
+    last_seen: Times  # (N,), POSIX microseconds, _NEVER where there is none
+    last_looked: Times
+    expired_before: Times  # (N,), passes that ended before this were left out; _NEVER where none was
+    windows: list[bytes]
+
+
+async def append(connection: AsyncConnection, passes: Iterable[StoredPass], policy: Policy) -> frozenset[int]:
+    """Fold passes just stored into the features they are about, and return the features that are left to `refold`.
+
+    The caller holds the cells.
+    """
+    added: dict[int, list[StoredPass]] = {}
+    for item in passes:
+        if item.feature_id is not None:
+            added.setdefault(item.feature_id, []).append(item)
+    features = await reads.windowed_features(connection, {key: len(mine) for key, mine in added.items()})
+    left = frozenset(feature.id for feature in features if feature.window is None or feature.said)
+    by_class: dict[str, list[WindowedFeature]] = {}
+    for feature in features:
+        if feature.id not in left:
+            by_class.setdefault(feature.feature_class, []).append(feature)
+    for name in sorted(by_class):
+        left |= await _append(connection, by_class[name], added, policy)
+    return left
+
+
+async def _append(
+    connection: AsyncConnection,
+    features: Sequence[WindowedFeature],
+    added: dict[int, list[StoredPass]],
+    policy: Policy,
+) -> frozenset[int]:
+    """Fold features of one class, write those that stay quiet and return the others."""
+    done = await asyncio.to_thread(_fold, features, [added[feature.id] for feature in features], policy)
+    rules = policy.for_class(features[0].feature_class)
+    speaks = may_speak(done.state.weight_for, done.state.weight_against, done.state.standing, enter=rules.enter)
+    quiet = np.flatnonzero(~speaks).tolist()
+    rows = {features[number].id: _row(done, number, policy.version) for number in quiet}
+    await writes.upsert_feature_states(connection, rows)
+    expired = {features[number].id: _moment(done.expired_before[number]) for number in quiet}
+    await writes.delete_passes_before(connection, {key: time for key, time in expired.items() if time is not None})
+    return frozenset(features[number].id for number in np.flatnonzero(speaks).tolist())
+
+
+def _fold(features: Sequence[WindowedFeature], added: Sequence[Sequence[StoredPass]], policy: Policy) -> _Fold:
+    rules = policy.for_class(features[0].feature_class)
+    known = [feature.window or b"" for feature in features]
+    table = np.concatenate([windows.unpack(known), windows.pack(item for mine in added for item in mine)])
+    counts = [len(window) // windows.RECORD.itemsize for window in known], [len(mine) for mine in added]
+    numbers = np.arange(len(features))
+    feature = np.concatenate([np.repeat(numbers, count) for count in counts])
+    order = np.lexsort((table["ended_at"], feature))
+    table, feature = table[order], feature[order]
+    state = fold_columns(
+        PassColumns(
+            feature, table["contributor"], table["ended_at"] / 1e6, table["weight_for"], table["weight_against"]
+        ),
+        support([each.existence_confidence for each in features]),
+        rules,
+        deleted=True,
+    )
+    # passes of epochs before a full window are expired, as `summarize` has it
+    full = state.folded == rules.window
+    begin = np.full(len(features), _NEVER)
+    begin[full] = np.floor(state.oldest[full] / EPOCH_S).astype(np.int64) * _EPOCH_US
+    kept = table["ended_at"] >= begin[feature]
+    expires = np.bincount(feature[~kept], minlength=len(features)) > 0
+    table, feature = table[kept], feature[kept]
+    flags = table["flags"]
+    looked = (flags & (windows.COUNTS | windows.BLOCKED)) == windows.COUNTS
+    blocked = (flags & (windows.COUNTS | windows.BLOCKED)) == windows.COUNTS | windows.BLOCKED
+    passes = np.bincount(feature, minlength=len(features))
+    ends = np.cumsum(passes)
+    return _Fold(
+        state=state,
+        passes=passes,
+        looked=np.bincount(feature[looked], minlength=len(features)),
+        blocked=np.bincount(feature[blocked], minlength=len(features)),
+        last_seen=_last(feature, table["ended_at"], looked & (flags & windows.FOUND > 0), len(features)),
+        last_looked=_last(feature, table["ended_at"], looked, len(features)),
+        expired_before=np.where(expires, begin, _NEVER),
+        windows=[table[end - count : end].tobytes() for end, count in zip(ends.tolist(), passes.tolist(), strict=True)],
+    )
+
+
+def _last(feature: NDArray[np.intp], ended_at: Times, chosen: Flags, features: int) -> Times:
+    """Return (N,), the latest of the chosen times of each feature; times are in ascending order within a feature."""
+    latest = np.full(features, _NEVER)
+    latest[feature[chosen]] = ended_at[chosen]  # the last of each is written last
+    return latest
+
+
+def _row(done: _Fold, number: int, policy_version: str) -> writes.Row:
+    state = done.state
+    informative = float(state.last_informative[number])
+    return {
+        "weight_for": float(state.weight_for[number]),
+        "weight_against": float(state.weight_against[number]),
+        "standing": bool(state.standing[number]),
+        "contributors_for": int(state.contributors_for[number]),
+        "contributors_against": int(state.contributors_against[number]),
+        "passes": int(done.passes[number]),
+        "last_looked": _moment(done.last_looked[number]),
+        "last_seen": _moment(done.last_seen[number]),
+        "last_informative": None if np.isnan(informative) else datetime.fromtimestamp(informative, UTC),
+        "policy_version": policy_version,
+        "looked": int(done.looked[number]),
+        "blocked": int(done.blocked[number]),
+        "passes_window": done.windows[number],
+    }
+
+
+def _moment(microseconds: np.int64) -> datetime | None:
+    return None if microseconds == _NEVER else _START + timedelta(microseconds=int(microseconds))

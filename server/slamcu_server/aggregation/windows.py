@@ -1,0 +1,52 @@
+"""The window of a map feature: the passes that its belief is folded from, packed into one value of its row.
+
+A batch that adds to a feature reads one row instead of all its passes, and folds exactly what a refold of the stored
+passes would: the window is a copy of them, never a sum. It names no session or message. Passes remain the source:
+whatever changes them otherwise (a review, a retraction, a rebuild) folds from them and packs the window anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamcu_core.sensoris.times import to_microseconds
+from slamcu_server.aggregation.passes import StoredPass
+
+RECORD = np.dtype(
+    [
+        ("ended_at", ">i8"),  # POSIX microseconds
+        ("contributor", ">i8"),
+        ("weight_for", ">f8"),
+        ("weight_against", ">f8"),
+        ("flags", "u1"),
+    ]
+)
+"""One pass: 33 bytes, of which a full window of 64 takes 2 kB."""
+
+COUNTS, BLOCKED, FOUND = 1, 2, 4
+
+Records = NDArray[np.void]
+
+
+def pack(passes: Iterable[StoredPass]) -> Records:
+    """Return passes as records, in the order given; a window is their bytes, in any order."""
+    return np.array([_record(item) for item in passes], RECORD)
+
+
+def of_kept(passes: Iterable[StoredPass], expired: Collection[int]) -> bytes:
+    """Return the window of one feature out of its stored passes, all but those whose ids are expired."""
+    gone = frozenset(expired)
+    return bytes(pack(item for item in passes if item.id not in gone).tobytes())
+
+
+def unpack(windows: Iterable[bytes]) -> Records:
+    """Return the records of windows, one after the other."""
+    return np.frombuffer(b"".join(windows), RECORD)
+
+
+def _record(item: StoredPass) -> tuple[int, int, float, float, int]:
+    flags = COUNTS * item.counts | BLOCKED * item.blocked | FOUND * item.found
+    return to_microseconds(item.ended_at), item.contributor, *item.weights, flags
