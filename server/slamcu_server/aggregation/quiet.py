@@ -112,7 +112,7 @@ def _fold(features: Sequence[WindowedFeature], added: Sequence[Sequence[StoredPa
     looked = (flags & (windows.COUNTS | windows.BLOCKED)) == windows.COUNTS
     blocked = (flags & (windows.COUNTS | windows.BLOCKED)) == windows.COUNTS | windows.BLOCKED
     passes = np.bincount(feature, minlength=len(features))
-    ends = np.cumsum(passes)
+    ends, packed = (windows.RECORD.itemsize * np.cumsum(passes)).tolist(), windows.stored(table)
     return _Fold(
         state=state,
         passes=passes,
@@ -121,7 +121,7 @@ def _fold(features: Sequence[WindowedFeature], added: Sequence[Sequence[StoredPa
         last_seen=_last(feature, table["ended_at"], looked & (flags & windows.FOUND > 0), len(features)),
         last_looked=_last(feature, table["ended_at"], looked, len(features)),
         expired_before=np.where(expires, begin, _NEVER),
-        windows=[table[end - count : end].tobytes() for end, count in zip(ends.tolist(), passes.tolist(), strict=True)],
+        windows=[packed[begin:end] for begin, end in zip([0, *ends[:-1]], ends, strict=True)],
     )
 
 

@@ -24,7 +24,9 @@ RECORD = np.dtype(
         ("flags", "u1"),
     ]
 )
-"""One pass: 33 bytes, of which a full window of 64 takes 2 kB."""
+"""One pass: 33 bytes, of which a full window of 64 takes 2 kB. Stored as PostgreSQL's int8send and float8send do it."""
+
+_NATIVE = RECORD.newbyteorder("=")
 
 COUNTS, BLOCKED, FOUND = 1, 2, 4
 
@@ -32,19 +34,24 @@ Records = NDArray[np.void]
 
 
 def pack(passes: Iterable[StoredPass]) -> Records:
-    """Return passes as records, in the order given; a window is their bytes, in any order."""
-    return np.array([_record(item) for item in passes], RECORD)
+    """Return passes as records, in the order given."""
+    return np.array([_record(item) for item in passes], _NATIVE)
 
 
 def of_kept(passes: Iterable[StoredPass], expired: Collection[int]) -> bytes:
     """Return the window of one feature out of its stored passes, all but those whose ids are expired."""
     gone = frozenset(expired)
-    return bytes(pack(item for item in passes if item.id not in gone).tobytes())
+    return stored(pack(item for item in passes if item.id not in gone))
+
+
+def stored(entries: Records) -> bytes:
+    """Return the window of one feature: its records, in any order."""
+    return bytes(entries.astype(RECORD).tobytes())
 
 
 def unpack(windows: Iterable[bytes]) -> Records:
     """Return the records of windows, one after the other."""
-    return np.frombuffer(b"".join(windows), RECORD)
+    return np.frombuffer(b"".join(windows), RECORD).astype(_NATIVE)
 
 
 def _record(item: StoredPass) -> tuple[int, int, float, float, int]:
