@@ -99,8 +99,7 @@ async def _fuse(
         await lock_cells(connection, cells)
         # What candidates are may have changed while waiting: another batch can have merged them, a review
         # accepted them.
-        known = await reads.lookups_again(connection, known)
-        taken = [resolve_message(message.claimed, message.report, known) for message in taken]
+        taken, known = await _look_again(connection, taken, known)
         others = await _store_others(connection, taken, cells, policy, retractions=retractions)
         loud = await quiet.append(connection, [*plain, *others], policy)
         beliefs = await refold(connection, Touched(loud, _places(others, known)), cells, policy)
@@ -110,6 +109,23 @@ async def _fuse(
     await log.quarantine(connection, reasons)
     await feed.append(connection, entries)
     return Fused(len(taken), len(reasons))
+
+
+async def _look_again(
+    connection: AsyncConnection, messages: Sequence[ResolvedMessage], known: Lookups
+) -> tuple[list[ResolvedMessage], Lookups]:
+    """Return messages with what their passes are about now that the cells are held.
+
+    Raises BeyondLockedCells, to start over, if a pass that is stored already counts otherwise than it did.
+    """
+    again = await reads.lookups_again(connection, known)
+    if again == known:
+        return list(messages), again
+    resolved = [resolve_message(message.claimed, message.report, again) for message in messages]
+    for before, after in zip(messages, resolved, strict=True):
+        if any(one.archived is not other.archived for one, other in zip(before.passes, after.passes, strict=True)):
+            raise BeyondLockedCells(frozenset())
+    return resolved, again
 
 
 async def _store_plain(

@@ -40,9 +40,12 @@ class _Fold:
     passes: NDArray[np.intp]  # (N,)
     looked: NDArray[np.intp]
     blocked: NDArray[np.intp]
+    forgotten_looked: NDArray[np.intp]  # (N,), of the expired passes
+    forgotten_blocked: NDArray[np.intp]
     last_seen: Times  # (N,), POSIX microseconds, _NEVER where there is none
     last_looked: Times
     expired_before: Times  # (N,), passes that ended before this were left out; _NEVER where none was
+    unseen: Flags  # (N,), whether the last pass that saw it is among them
     windows: list[bytes]
 
 
@@ -53,7 +56,7 @@ async def append(connection: AsyncConnection, passes: Iterable[StoredPass], poli
     """
     added: dict[int, list[StoredPass]] = {}
     for item in passes:
-        if item.feature_id is not None:
+        if item.feature_id is not None and not item.archived:
             added.setdefault(item.feature_id, []).append(item)
     features = await reads.windowed_features(connection, {key: len(mine) for key, mine in added.items()})
     left = frozenset(feature.id for feature in features if feature.window is None or feature.said)
@@ -75,13 +78,14 @@ async def _append(
     """Fold features of one class, write those that stay quiet and return the others."""
     done = await asyncio.to_thread(_fold, features, [added[feature.id] for feature in features], policy)
     rules = policy.for_class(features[0].feature_class)
-    speaks = may_speak(done.state.weight_for, done.state.weight_against, done.state.standing, enter=rules.enter)
-    quiet = np.flatnonzero(~speaks).tolist()
+    state = done.state
+    loud = done.unseen | may_speak(state.weight_for, state.weight_against, state.standing, rules)
+    quiet = np.flatnonzero(~loud).tolist()
     rows = {features[number].id: _row(done, number, policy.version) for number in quiet}
     await writes.upsert_feature_states(connection, rows)
     expired = {features[number].id: _moment(done.expired_before[number]) for number in quiet}
     await writes.delete_passes_before(connection, {key: time for key, time in expired.items() if time is not None})
-    return frozenset(features[number].id for number in np.flatnonzero(speaks).tolist())
+    return frozenset(features[number].id for number in np.flatnonzero(loud).tolist())
 
 
 def _fold(features: Sequence[WindowedFeature], added: Sequence[Sequence[StoredPass]], policy: Policy) -> _Fold:
@@ -105,22 +109,28 @@ def _fold(features: Sequence[WindowedFeature], added: Sequence[Sequence[StoredPa
     full = state.folded == rules.window
     begin = np.full(len(features), _NEVER)
     begin[full] = np.floor(state.oldest[full] / EPOCH_S).astype(np.int64) * _EPOCH_US
-    kept = table["ended_at"] >= begin[feature]
-    expires = np.bincount(feature[~kept], minlength=len(features)) > 0
-    table, feature = table[kept], feature[kept]
+    expired = table["ended_at"] < begin[feature]
     flags = table["flags"]
     looked = (flags & (windows.COUNTS | windows.BLOCKED)) == windows.COUNTS
     blocked = (flags & (windows.COUNTS | windows.BLOCKED)) == windows.COUNTS | windows.BLOCKED
-    passes = np.bincount(feature, minlength=len(features))
-    ends, packed = (windows.RECORD.itemsize * np.cumsum(passes)).tolist(), windows.stored(table)
+    last_seen = _last(feature, table["ended_at"], looked & (flags & windows.FOUND > 0), len(features))
+
+    def count(chosen: Flags) -> NDArray[np.intp]:
+        return np.bincount(feature[chosen], minlength=len(features))
+
+    passes, packed = count(~expired), windows.stored(table[~expired])
+    ends = (windows.RECORD.itemsize * np.cumsum(passes)).tolist()
     return _Fold(
         state=state,
         passes=passes,
-        looked=np.bincount(feature[looked], minlength=len(features)),
-        blocked=np.bincount(feature[blocked], minlength=len(features)),
-        last_seen=_last(feature, table["ended_at"], looked & (flags & windows.FOUND > 0), len(features)),
+        looked=count(looked & ~expired),
+        blocked=count(blocked & ~expired),
+        forgotten_looked=count(looked & expired),
+        forgotten_blocked=count(blocked & expired),
+        last_seen=last_seen,
         last_looked=_last(feature, table["ended_at"], looked, len(features)),
-        expired_before=np.where(expires, begin, _NEVER),
+        expired_before=np.where(count(expired) > 0, begin, _NEVER),
+        unseen=(last_seen != _NEVER) & (last_seen < begin),
         windows=[packed[begin:end] for begin, end in zip([0, *ends[:-1]], ends, strict=True)],
     )
 
@@ -144,10 +154,13 @@ def _row(done: _Fold, number: int, policy_version: str) -> writes.Row:
         "passes": int(done.passes[number]),
         "last_looked": _moment(done.last_looked[number]),
         "last_seen": _moment(done.last_seen[number]),
+        "fades_at": None,
         "last_informative": None if np.isnan(informative) else datetime.fromtimestamp(informative, UTC),
         "policy_version": policy_version,
         "looked": int(done.looked[number]),
         "blocked": int(done.blocked[number]),
+        "forgotten_looked": int(done.forgotten_looked[number]),
+        "forgotten_blocked": int(done.forgotten_blocked[number]),
         "passes_window": done.windows[number],
     }
 

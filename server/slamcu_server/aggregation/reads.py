@@ -72,21 +72,39 @@ async def lookups(connection: AsyncConnection, reports: Collection[ReportMessage
         arrays(types, rows),
     )
     versions = {(row.source, row.version): (row.map_id, row.sequence) for row in found}
+    maps = sorted({map_id for map_id, _ in versions.values()})
+    current = await _current_sequences(connection, maps)  # before the features: what changes later is seen to
     references = [item.reference for report in reports for item in report.passes if item.reference]
     return Lookups(
         versions=versions,
         features=await _features_by_object(
             connection,
-            sorted({map_id for map_id, _ in versions.values()}),
+            maps,
             sorted({reference.object_id for reference in references if not reference.watched}),
         ),
         watches=await watches(connection, {reference.object_id for reference in references if reference.watched}),
+        current=current,
     )
 
 
 async def lookups_again(connection: AsyncConnection, known: Lookups) -> Lookups:
-    """Return what is known, with what watch features are now: all else stays what it was for ever."""
-    return replace(known, watches=await watches(connection, known.watches))
+    """Return what is known as it is now: watch features, and map features if their maps have new versions."""
+    again = replace(
+        known,
+        watches=await watches(connection, known.watches),
+        current=await _current_sequences(connection, sorted(known.current)),
+    )
+    if again.current == known.current:
+        return again
+    objects = sorted({object_id for _, object_id in known.features})
+    return replace(again, features=await _features_by_object(connection, sorted(known.current), objects))
+
+
+async def _current_sequences(connection: AsyncConnection, maps: Sequence[int]) -> dict[int, int]:
+    found = await connection.execute(
+        text("SELECT id, current_sequence FROM maps WHERE id = ANY(CAST(:ids AS bigint[]))"), {"ids": maps}
+    )
+    return {row.id: row.current_sequence for row in found}
 
 
 async def _features_by_object(

@@ -77,6 +77,7 @@ class Lookups:
     versions: Mapping[tuple[str, str], tuple[int, int]]  # (source, version) to (map id, sequence)
     features: Mapping[tuple[int, int], MapFeatureReference]  # by (map id, object id)
     watches: Mapping[int, WatchReference]
+    current: Mapping[int, int] = field(default_factory=dict)  # current sequence by map id
 
 
 @dataclass(frozen=True, slots=True)
