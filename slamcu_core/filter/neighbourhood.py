@@ -18,7 +18,9 @@ from slamcu_core.hd_map import HDMap
 Array = NDArray[np.float64]
 
 _STEP_M = 30.0  # how far the car may move before the neighbourhood is looked up again
-_KEEP_M = 150.0  # beyond the sensors' reach: a find this far away is collapsed to one Gaussian
+# Beyond the sensors' reach: a find this far away is collapsed to one Gaussian, earlier if half of the slots are taken.
+# Until then it profits from what corrects the pose: some 500 m of motorway bring the next signs of the map.
+_KEEP_M, _KEEP_CROWDED_M = 500.0, 150.0
 _REANCHOR_M = 15_000.0  # the local frame is flat enough up to here
 
 
@@ -111,7 +113,9 @@ class Neighbourhood:
             weights = particles.weights
             table.xy[own[live]] = (particles.means[:, table.slot[own[live]]] @ weights).T
         distance = np.hypot(*(table.xy[own] - place).T)
-        behind = own[live & (distance > self._reach + _KEEP_M)]
+        crowded = 2 * int(live.sum()) > particles.means.shape[1]
+        far = distance > self._reach + (_KEEP_CROWDED_M if crowded else _KEEP_M)
+        behind = own[live & far]
         if len(behind):
             means, covariances = particles.collapse(table.slot[behind])
             table.xy[behind], table.covariance[behind] = means.T, covariances.T
@@ -121,7 +125,7 @@ class Neighbourhood:
                 particles.means[:, slot] = table.xy[row][:, None]
                 particles.covariances[:, slot] = table.covariance[row][:, None]
                 table.slot[row] = slot
-        for row in own[(table.slot[own] < 0) & ~table.open[own] & (distance > self._reach + _KEEP_M)].tolist():
+        for row in own[(table.slot[own] < 0) & ~table.open[own] & far].tolist():
             self.found.put(table, row, self.frame)
         return np.asarray(own[table.slot[own] >= 0])
 
