@@ -17,6 +17,7 @@ from slamcu_core.aggregation import Policy
 from slamcu_core.errors import SlamcuError
 from slamcu_server.aggregation import log
 from slamcu_server.aggregation.batch import BatchError, Fused, process_batch, quarantine
+from slamcu_server.aggregation.fading import fade
 from slamcu_server.aggregation.policy import count_outdated, load_policy, remember_policy
 from slamcu_server.metrics.instruments import Instruments
 from slamcu_server.retraction.corrections import correct
@@ -72,15 +73,16 @@ async def run_worker(
                 if await correct(engine, policy):
                     continue
                 corrected_at = begun
+            if begun - cleaned_at > _HOUSEKEEPING_S:
+                await forget_bodies(engine, retention)
+                await fade(engine, policy, clock_ahead=timedelta(seconds=settings.max_clock_ahead_s))
+                cleaned_at = begun
             if fused.messages:
                 continue
             if 0 < settings.trust_interval_s < begun - trusted_at:
                 trusted_at = begun
                 _tell(await recompute(engine))
                 continue
-            if begun - cleaned_at > _HOUSEKEEPING_S:
-                await forget_bodies(engine, retention)
-                cleaned_at = begun
             await _first(caller.event, stop, timeout_s=POLL_S)
 
 

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header, Path, Query, Request
 from fastapi.responses import JSONResponse
+from pydantic import AwareDatetime
 
 from slamcu_server.accounts.authentication import Provider
 from slamcu_server.aggregation.policy import load_policy
@@ -66,13 +67,21 @@ async def get_changes(
 
 
 @router.get("/{change_id}", response_model=ExplainedChange, responses=responses(404))
-async def get_change(_: Provider, connection: ReadTransaction, change_id: ChangeId) -> JSONResponse:
+async def get_change(
+    _: Provider,
+    connection: ReadTransaction,
+    change_id: ChangeId,
+    as_of: Annotated[
+        AwareDatetime | None, Query(description="Explain the evidence as of this time, as far as it is still kept.")
+    ] = None,
+) -> JSONResponse:
     """Explain a change: as last published, the evidence behind it as it is now, and what would turn it.
 
+    Of a moved or modified feature, `evidence` is about what is there now and `evidence_from` about what the map says.
     The `ETag` names the revision: send it as `If-Match` with a review.
     """
     change = await service.find_change(connection, change_id)
-    return JSONResponse(await service.explain_change(connection, change), headers={"ETag": change.etag})
+    return JSONResponse(await service.explain_change(connection, change, as_of), headers={"ETag": change.etag})
 
 
 @router.post("/{change_id}/review", response_model=Change, responses=responses(404, 409, 412, 428))

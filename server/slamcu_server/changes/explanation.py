@@ -20,6 +20,7 @@ from slamcu_core.aggregation import (
     Side,
     contributions,
     decayed,
+    fades_at,
     fold,
 )
 from slamcu_server.aggregation.evidence import covariances, frame_at, fuse_place, moment
@@ -49,12 +50,23 @@ def pseudonym(salt: bytes, contributor: int) -> str:
 
 
 def explain(case: Case, salt: bytes, as_of: datetime) -> dict[str, Any]:
-    """Return the evidence behind a change: contributions, F and A over time, the policy, and what would flip it."""
-    parts = contributions([item.evidence for item in case.passes], case.policy)
+    """Return the evidence behind a change as of a time: contributions, F and A after each, and what would flip it.
+
+    What came later is left out; what is there is decayed to that time.
+    """
+    now = as_of.timestamp()
+    parts = [part for part in contributions([item.evidence for item in case.passes], case.policy) if part.time <= now]
     state = _fold(case, parts)
+    fades = fades_at(state, case.policy, case.side, case.policy.leave) if state.standing else None
     return {
         "as_of": timestamp(as_of),
-        "evidence_now": evidence(*decayed(state, as_of.timestamp(), case.policy)),
+        "speaks_for": case.side.value,
+        "stands": state.standing and (fades is None or now < fades),
+        "stood_since": timestamp(moment(state.stood_since)),
+        "fades_at": timestamp(moment(fades)),
+        "contributors_for": state.contributors_for,
+        "contributors_against": state.contributors_against,
+        "evidence_now": evidence(*decayed(state, now, case.policy)),
         "prior_weight": case.prior_weight,
         "contributions": [_contribution(case, part, salt) for part in parts],
         "course": [
@@ -72,7 +84,11 @@ def explain(case: Case, salt: bytes, as_of: datetime) -> dict[str, Any]:
 
 
 def would_flip(case: Case, parts: Sequence[Contribution]) -> dict[str, Any]:
-    """Return how many further full misses or detections, each by another vehicle, would turn what stands."""
+    """Return how many further full misses or detections, each by another vehicle, would turn what stands.
+
+    The fold itself is asked, one more at a time: thresholds, the window, forgetting and the contributors it takes are
+    those of the policy.
+    """
     standing = _fold(case, parts).standing
     by_misses = standing == (case.side is Side.NEW)
     kind = "misses" if by_misses else "detections"
@@ -88,12 +104,11 @@ def would_flip(case: Case, parts: Sequence[Contribution]) -> dict[str, Any]:
 
 def _count_to_flip(case: Case, parts: Sequence[Contribution], standing: bool, *, by_misses: bool) -> int | None:
     last = max((part.time for part in parts), default=0.0)
-    stranger = max((part.contributor for part in parts), default=0)
     extended = list(parts)
     for count in range(1, 2 * case.policy.window + 1):
-        # Each an epoch later and by a vehicle that has not reported yet.
+        # Each an epoch later and by a vehicle that nobody knows.
         one = PassEvidence(
-            stranger + count,
+            -count,
             last + count * EPOCH_S,
             0.0 if by_misses else _FULL_WEIGHT,
             _FULL_WEIGHT if by_misses else 0.0,

@@ -30,6 +30,8 @@ from slamcu_server.changes.document import timestamp
 from slamcu_server.maps.bbox import BoundingBox
 from slamcu_server.maps.importer import ImportedMap, import_map
 from slamcu_server.problems import Problem
+from slamcu_server.retraction import marks
+from slamcu_server.trust.table import trusting
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,10 +98,12 @@ async def import_and_rebase(
 
     The import holds the whole map, so that no report is fused and no review decided meanwhile.
     """
+    await marks.hold(connection)
     imported = await import_map(connection, path, identity=identity)
     if imported.unchanged:
         return imported, Rebased()
     await remember_policy(connection, policy)
+    policy = await trusting(connection, policy)
     becomes = await absorbing_features(connection, imported.map_id, imported.sequence, policy)
     settled: list[feed.Entry] = []
     still_open = 0

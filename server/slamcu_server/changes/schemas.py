@@ -198,6 +198,12 @@ class Explanation(BaseModel):
     """The evidence behind a change, as stored."""
 
     as_of: datetime
+    speaks_for: Literal["new", "deleted"] = Field(description="What it would be evidence of, standing alone.")
+    stands: bool = Field(description="Whether it stands as of `as_of`.")
+    stood_since: datetime | None
+    fades_at: datetime | None = Field(description="When it stands no longer if nobody looks again.")
+    contributors_for: int
+    contributors_against: int
     evidence_now: Evidence = Field(description="Decayed to `as_of`.")
     prior_weight: float = Field(description="Weight of the map's own word, -ln(1 - existence_confidence).")
     contributions: list[Contribution]

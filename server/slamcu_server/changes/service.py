@@ -63,9 +63,11 @@ async def find_change(connection: AsyncConnection, change_id: int) -> StoredChan
     return change
 
 
-async def explain_change(connection: AsyncConnection, change: StoredChange) -> dict[str, Any]:
-    """Return a change with the evidence behind it."""
-    now = datetime.now(UTC)
+async def explain_change(
+    connection: AsyncConnection, change: StoredChange, as_of: datetime | None = None
+) -> dict[str, Any]:
+    """Return a change with the evidence behind it, as of a time (now, if none is given)."""
+    now = as_of or datetime.now(UTC)
     history = await repository.list_history(connection, change.id)
     explained = [explain(case, change.salt, now) for case in await _cases(connection, change)]
     return {

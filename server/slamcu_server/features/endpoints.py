@@ -1,21 +1,47 @@
-"""GET /v1/features/{id}, and the way to it from a map's own ids."""
+"""GET /v1/features, GET /v1/features/{id}, and the way to it from a map's own ids."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import JSONResponse, RedirectResponse
+from pydantic import AwareDatetime
 
 from slamcu_server.accounts.authentication import Provider
 from slamcu_server.database.engine import ReadTransaction
 from slamcu_server.features import service
-from slamcu_server.features.schemas import Feature
+from slamcu_server.features.repository import LookQuery
+from slamcu_server.features.schemas import Feature, LookPage
+from slamcu_server.maps.bbox import BoundingBox
 from slamcu_server.problems import responses
 
 router = APIRouter(prefix="/v1", tags=["features"], responses=responses(401, 403))
 
 _ID_MAX = 2**63 - 1
+
+
+@router.get("/features", response_model=LookPage, responses=responses(404))
+async def get_features(
+    *,
+    request: Request,
+    _: Provider,
+    connection: ReadTransaction,
+    map_source: Annotated[str, Query(alias="map", description="The map's name.", max_length=200)],
+    bbox: Annotated[
+        str | None,
+        Query(description="west,south,east,north in degrees.", examples=["2.0,48.8,2.3,49.0"], max_length=200),
+    ] = None,
+    not_looked_since: Annotated[
+        AwareDatetime | None, Query(description="Only those that nobody has looked at since then.")
+    ] = None,
+    after: Annotated[int, Query(ge=0, le=_ID_MAX, description="Features with greater ids.")] = 0,
+    limit: Annotated[int, Query(ge=1, le=10_000)] = 1000,
+) -> JSONResponse:
+    """List the features of a map's current version with when they were last looked at and seen, and how often."""
+    query = LookQuery(map_source, None if bbox is None else BoundingBox.parse(bbox), not_looked_since, after, limit)
+    parameters = [(name, value) for name, value in request.query_params.multi_items() if name != "after"]
+    return JSONResponse(await service.look_page(connection, query, parameters))
 
 
 @router.get("/features/{feature_id}", response_model=Feature, responses=responses(404))

@@ -35,6 +35,8 @@ class Standing(Evidence):
     passes: int = Field(description="Within the window of contributions that count.")
     looked: int = Field(description="Of these, passes that could see the place.")
     blocked: int = Field(description="Of these, passes that could not.")
+    looked_ever: int = Field(description="Passes that could see the place, those that are not kept any more included.")
+    could_not_see_ever: int = Field(description="Passes that could not, likewise.")
     last_looked: datetime | None
     last_seen: datetime | None
     policy_version: str | None = Field(description="null: nobody has reported on it, the map's word is all there is.")
@@ -72,6 +74,8 @@ class Feature(BaseModel):
                     "passes": 5,
                     "looked": 5,
                     "blocked": 0,
+                    "looked_ever": 112,
+                    "could_not_see_ever": 9,
                     "last_looked": "2026-05-02T07:55:03+00:00",
                     "last_seen": "2026-05-02T07:55:03+00:00",
                     "policy_version": "3f1c92ab04de",
@@ -101,3 +105,49 @@ class Feature(BaseModel):
     standing: Standing
     versions: list[FeatureVersion] = Field(description="Oldest first.")
     changes: list[FeatureChange]
+
+
+class Look(BaseModel):
+    """When a feature was looked at, and how often."""
+
+    id: int
+    object_id: int
+    feature_class: str = Field(alias="class")
+    sign: str | None
+    value: str | None
+    geometry: Point
+    last_looked: datetime | None = Field(description="When somebody last could see its place; null: never.")
+    last_seen: datetime | None = Field(description="When it was last seen there.")
+    looked: int = Field(description="Passes that could see the place.")
+    could_not_see: int = Field(description="Passes that could not.")
+    stands_against: bool = Field(description="Whether the evidence stands that it is not there any more.")
+
+
+class LookPage(BaseModel):
+    """Features of a map's current version, by id, with when they were looked at."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "example": {
+                "features": [
+                    {
+                        "id": 17,
+                        "object_id": 17,
+                        "class": "traffic_sign",
+                        "sign": "SPEED_LIMIT",
+                        "value": "80",
+                        "geometry": {"type": "Point", "coordinates": [2.1003, 48.9001]},
+                        "last_looked": "2026-05-02T07:55:03+00:00",
+                        "last_seen": "2026-05-02T07:55:03+00:00",
+                        "looked": 112,
+                        "could_not_see": 9,
+                        "stands_against": False,
+                    }
+                ],
+                "next": "/v1/features?map=demo&limit=1&after=17",
+            }
+        }
+    )
+
+    features: list[Look]
+    next: str | None = Field(description="Where the following features are; null: these were the last.")

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
+from urllib.parse import urlencode
 
 from sqlalchemy import Row
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from slamcu_core.aggregation import FoldedState, Policy, decayed
+from slamcu_core.aggregation import Policy, kept_at
 from slamcu_core.evidence import support
 from slamcu_server.changes.document import evidence, timestamp
 from slamcu_server.changes.repository import find_policy
 from slamcu_server.features import repository
+from slamcu_server.features.repository import LookQuery
+from slamcu_server.maps.service import find_version
 from slamcu_server.problems import Problem
 
 
@@ -35,6 +40,38 @@ async def find_feature(connection: AsyncConnection, feature_id: int) -> dict[str
     }
 
 
+async def look_page(
+    connection: AsyncConnection, query: LookQuery, parameters: Sequence[tuple[str, str]]
+) -> dict[str, Any]:
+    """Return a page of features with when they were looked at; answer 404 if there is no such map."""
+    await find_version(connection, query.map_source)
+    rows = await repository.list_looks(connection, replace(query, limit=query.limit + 1))
+    now = datetime.now(UTC)
+    page = rows[: query.limit]
+    following = None
+    if len(rows) > query.limit:
+        following = f"/v1/features?{urlencode([*parameters, ('after', str(page[-1].id))])}"
+    return {
+        "features": [
+            {
+                "id": row.id,
+                "object_id": row.object_id,
+                "class": row.feature_class,
+                "sign": row.sign,
+                "value": row.value,
+                "geometry": {"type": "Point", "coordinates": [row.lon, row.lat]},
+                "last_looked": timestamp(row.last_looked),
+                "last_seen": timestamp(row.last_seen),
+                "looked": row.looked,
+                "could_not_see": row.could_not_see,
+                "stands_against": row.stands_against and (row.fades_at is None or now < row.fades_at),
+            }
+            for row in page
+        ],
+        "next": following,
+    }
+
+
 async def find_id(connection: AsyncConnection, source: str, object_id: int) -> int:
     """Return the id of the feature that a map calls `object_id`; answer 404 if there is none."""
     found = await repository.find_id(connection, source, object_id) if source.isprintable() else None
@@ -47,29 +84,29 @@ def _standing(row: Row[Any], policy: Policy, as_of: datetime) -> dict[str, Any]:
     if row.state_of is None:
         prior = float(support(row.existence_confidence))
         return {"as_of": timestamp(as_of), **evidence(prior, 0.0), **_NOBODY}
-    state = FoldedState(
-        weight_for=row.weight_for,
-        weight_against=row.weight_against,
-        contributors_for=row.contributors_for,
-        contributors_against=row.contributors_against,
-        last_informative=None if row.last_informative is None else row.last_informative.timestamp(),
-        standing=row.standing,
-        stood_since=None,
-        steps=(),
-    )
+    rules = policy.for_class(row.feature_class)
+    last = None if row.last_informative is None else row.last_informative.timestamp()
+    kept = kept_at(last, as_of.timestamp(), rules)
     return {
         "as_of": timestamp(as_of),
-        **evidence(*decayed(state, as_of.timestamp(), policy.for_class(row.feature_class))),
-        "stands_against": row.standing,
+        **evidence(kept * row.weight_for, kept * row.weight_against),
+        "stands_against": _stands(row, as_of),
         "contributors_for": row.contributors_for,
         "contributors_against": row.contributors_against,
         "passes": row.passes,
         "looked": row.looked,
         "blocked": row.blocked,
+        "looked_ever": row.looked + row.forgotten_looked,
+        "could_not_see_ever": row.blocked + row.forgotten_blocked,
         "last_looked": timestamp(row.last_looked),
         "last_seen": timestamp(row.last_seen),
         "policy_version": row.policy_version,
     }
+
+
+def _stands(row: Row[Any], as_of: datetime) -> bool:
+    """Whether a feature is believed to be gone, and that has not faded."""
+    return bool(row.standing) and (row.fades_at is None or as_of < row.fades_at)
 
 
 _NOBODY: dict[str, Any] = {
@@ -79,6 +116,8 @@ _NOBODY: dict[str, Any] = {
     "passes": 0,
     "looked": 0,
     "blocked": 0,
+    "looked_ever": 0,
+    "could_not_see_ever": 0,
     "last_looked": None,
     "last_seen": None,
     "policy_version": None,

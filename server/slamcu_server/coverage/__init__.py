@@ -1,0 +1,1 @@
+"""What the fleet has looked at: a provider need not survey it again."""

@@ -1,0 +1,51 @@
+"""GET /v1/coverage."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from fastapi.responses import JSONResponse
+from pydantic import AwareDatetime
+
+from slamcu_server.accounts.authentication import Provider
+from slamcu_server.coverage import service
+from slamcu_server.coverage.repository import CoverageQuery
+from slamcu_server.coverage.schemas import Coverage
+from slamcu_server.database.engine import ReadTransaction
+from slamcu_server.maps.bbox import BoundingBox
+from slamcu_server.problems import responses
+
+router = APIRouter(prefix="/v1/coverage", tags=["coverage"], responses=responses(401, 403))
+
+TILES_MAX = 10_000
+_SINCE = timedelta(days=30)
+
+
+@router.get("", response_model=Coverage, responses=responses(404))
+async def get_coverage(
+    *,
+    _: Provider,
+    connection: ReadTransaction,
+    map_source: Annotated[str, Query(alias="map", description="The map's name.", max_length=200)],
+    bbox: Annotated[
+        str,
+        Query(
+            description="west,south,east,north in degrees; west greater than east crosses the antimeridian. "
+            f"At most {TILES_MAX} tiles.",
+            examples=["2.0,48.8,2.3,49.0"],
+            max_length=200,
+        ),
+    ],
+    zoom: Annotated[int, Query(ge=0, le=20, description="Of the web-mercator tiles.")] = 14,
+    since: Annotated[
+        AwareDatetime | None,
+        Query(description="What was seen from then on counts as verified; without it, 30 days ago."),
+    ] = None,
+) -> JSONResponse:
+    """Tell what the fleet has looked at, by tile: what is verified need not be surveyed again."""
+    query = CoverageQuery(
+        map_source, zoom, BoundingBox.parse(bbox), since or datetime.now(UTC) - _SINCE, limit=TILES_MAX
+    )
+    return JSONResponse(await service.coverage(connection, query))

@@ -1,0 +1,1 @@
+"""The policies under which changes were decided."""
