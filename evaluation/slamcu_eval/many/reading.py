@@ -58,7 +58,8 @@ def read_cloud(cloud: Cloud, map_name: str, frame: LocalFrame, vehicles: int, *,
     statements: list[Statement] = []
     about: dict[int, dict[str, Any]] = {}
     for change in standing_changes(cloud, map_name):
-        if change["merged_into"] is not None or (change["state"] == "withdrawn" and change["kind"] != "new"):
+        part_of_another = change["merged_into"] is not None or change["joined_into"] is not None
+        if part_of_another or (change["state"] == "withdrawn" and change["kind"] != "new"):
             continue
         detail = cloud.get(f"/v1/changes/{change['id']}")
         claimed = change["state"] in _PUBLISHED if minimum else _largest(detail)
@@ -73,9 +74,14 @@ def read_cloud(cloud: Cloud, map_name: str, frame: LocalFrame, vehicles: int, *,
 
 
 def _largest(change: dict[str, Any]) -> bool:
-    """Whether the mass that speaks for a change is the largest of the three."""
-    own, other = ("mass_exists", "mass_not_exists") if change["kind"] == "new" else ("mass_not_exists", "mass_exists")
-    return bool(change[own] > max(change[other], change["mass_unknown"]))
+    """Whether the mass that speaks for a change is the largest of the three, on both ends if it has two."""
+    if change["from"] is not None:
+        return _prevails(change["to"], "mass_exists") and _prevails(change["from"], "mass_not_exists")
+    return _prevails(change, "mass_exists" if change["kind"] == "new" else "mass_not_exists")
+
+
+def _prevails(masses: dict[str, Any], name: str) -> bool:
+    return bool(masses[name] >= max(masses["mass_exists"], masses["mass_not_exists"], masses["mass_unknown"]))
 
 
 def _new(change: dict[str, Any], frame: LocalFrame, *, claimed: bool) -> Statement:
