@@ -6,14 +6,13 @@ copied by hand, and one that has not been measured is a gap that says which comm
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Sequence
-from typing import Any
 
 from slamcu_core.errors import FormatError
+from slamcu_eval.table_cells import Figures, gap, number, share, table_of
+from slamcu_eval.tables_cloud import fleet, law
 
-Figures = dict[str, Any]
 _MARK = re.compile(r"(<!-- begin ([a-z0-9-]+) -->\n).*?(<!-- end \2 -->)", re.DOTALL)
 
 
@@ -29,51 +28,34 @@ def fill(text: str, results: dict[str, Figures], *, source: str) -> str:
     return _MARK.sub(replace, text)
 
 
-def _gap(stage: str) -> str:
-    return f"*Not measured yet: `scripts/figures {stage}` fills this table.*"
-
-
-def _rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = ["| " + " | ".join(head) + " |", "|---" + "|---:" * (len(head) - 1) + "|"]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
-
-
-def _number(value: float | None, digits: int = 2, unit: str = "") -> str:
-    return "none" if value is None or not math.isfinite(value) else f"{value:.{digits}f}{unit}"
-
-
-def _share(value: float | None) -> str:
-    return _number(None if value is None else 100.0 * value, 1, " %")
-
-
 def _between(interval: Sequence[float | None], factor: float = 100.0) -> str:
-    low, high = (_number(None if end is None else factor * end, 1) for end in interval)
+    low, high = (number(None if end is None else factor * end, 1) for end in interval)
     return f"{low} to {high}"
 
 
 def paper(results: dict[str, Figures]) -> str:
     """Return the paper's experiment beside what was published."""
     if "paper" not in results:
-        return _gap("paper")
+        return gap("paper")
     f = results["paper"]
     error, oracle, single = (f[f"{name}_error_m"] for name in ("new_position", "oracle", "single_sighting"))
     step = f["step_ms"]
-    return _rows(
+    return table_of(
         ("figure", "here", "published 2018"),
         [
             ("drives, features", f"{f['drives']}, {f['features']}", "1, 103"),
-            ("features told as they are", _share(f["accuracy"]), "96.12 %"),
+            ("features told as they are", share(f["accuracy"]), "96.12 %"),
             ("95 % interval, by drive", f"{_between(f['accuracy_ci95'])} %", "90.4 to 98.5 %"),
-            ("false new features per drive", _number(f["false_new_per_drive"]), ""),
+            ("false new features per drive", number(f["false_new_per_drive"]), ""),
             (
                 "error of new signs, mean and standard deviation",
                 f"{error['mean']:.2f} and {error['std']:.2f} m",
                 "0.8 and 0.9 m",
             ),
-            ("the same by least squares with the true poses (oracle), mean", _number(oracle["mean"], 2, " m"), ""),
-            ("a single sighting with the true pose, mean", _number(single["mean"], 2, " m"), ""),
-            ("new signs inside their own 95 % ellipse", _share(f["ellipse95_coverage"]), ""),
-            ("pose error, root mean square", _number(f["localization_rmse_m"], 2, " m"), ""),
+            ("the same by least squares with the true poses (oracle), mean", number(oracle["mean"], 2, " m"), ""),
+            ("a single sighting with the true pose, mean", number(single["mean"], 2, " m"), ""),
+            ("new signs inside their own 95 % ellipse", share(f["ellipse95_coverage"]), ""),
+            ("pose error, root mean square", number(f["localization_rmse_m"], 2, " m"), ""),
             ("diverged drives (above 3 m)", str(f["diverged_drives"]), ""),
             (
                 f"step of {f['particles']} particles, mean and 99th percentile",
@@ -98,16 +80,16 @@ def robots(results: dict[str, Figures]) -> str:
             rows.append(
                 (
                     f"{name.removeprefix('mrclam-')} s, {'session ' * (session != 'pooled')}{session}",
-                    _share(single["accuracy"]),
+                    share(single["accuracy"]),
                     f"{single['diverged_runs']} of {single['runs']}",
-                    _number(single["new_position_error_m"]["mean"], 3, " m"),
-                    _number(single["pose_rmse_median_m"], 3, " m"),
+                    number(single["new_position_error_m"]["mean"], 3, " m"),
+                    number(single["pose_rmse_median_m"], 3, " m"),
                     f"{right} of {total}",
                     str(fused["false_new"]),
                 )
             )
     head = ("run", "one robot: right", "diverged", "new off by", "pose error", "fleet: right", "fleet: false new")
-    return _rows(head, rows) if rows else _gap("mrclam")
+    return table_of(head, rows) if rows else gap("mrclam")
 
 
 def health(results: dict[str, Figures]) -> str:
@@ -121,9 +103,9 @@ def health(results: dict[str, Figures]) -> str:
         (
             name,
             str(block["diverged_runs"]),
-            _share(block["diverged_flagged_before_wrong"]),
+            share(block["diverged_flagged_before_wrong"]),
             str(block["healthy_runs"]),
-            _share(block["healthy_flagged"]),
+            share(block["healthy_flagged"]),
             f"{block['reports']['wrong_when_lost_flagged']} of {block['reports']['wrong_when_lost']}",
         )
         for name, block in found.items()
@@ -137,13 +119,13 @@ def health(results: dict[str, Figures]) -> str:
         "of them wrongly flagged",
         "wrong reports of lost filters that carry the flag",
     )
-    return _rows(head, rows) if rows else _gap("paper mrclam")
+    return table_of(head, rows) if rows else gap("paper mrclam")
 
 
 def _ablation(world: str) -> Callable[[dict[str, Figures]], str]:
     def table(results: dict[str, Figures]) -> str:
         variants = results.get("ablation", {}).get(world)
-        return _variants(variants) if variants else _gap("ablation")
+        return _variants(variants) if variants else gap("ablation")
 
     return table
 
@@ -154,7 +136,7 @@ def _proposals(world: str) -> Callable[[dict[str, Figures]], str]:
     def table(results: dict[str, Figures]) -> str:
         variants = results.get("ablation", {}).get(world, {})
         some = {name: variants[name] for name in names if name in variants}
-        return _variants(some) if some else _gap("ablation")
+        return _variants(some) if some else gap("ablation")
 
     return table
 
@@ -172,21 +154,21 @@ def _variants(variants: dict[str, Figures]) -> str:
         "diverged",
         "step",
     )
-    return _rows(
+    return table_of(
         head,
         [
             (
                 one["label"],
-                _share(one["accuracy"]),
+                share(one["accuracy"]),
                 ""
                 if one is first
                 else f"{100 * one['accuracy_change']:+.1f} ({_between(one['accuracy_change_ci95'])})",
-                _number(one["false_new_per_drive"], 1),
-                _number(one["new_position_error_m"], 2, " m"),
-                _share(one["ellipse95_coverage"]),
-                _number(one["pose_rmse_median_m"], 2, " m"),
+                number(one["false_new_per_drive"], 1),
+                number(one["new_position_error_m"], 2, " m"),
+                share(one["ellipse95_coverage"]),
+                number(one["pose_rmse_median_m"], 2, " m"),
                 str(one["diverged_drives"]),
-                _number(one["step_ms"], 2, " ms"),
+                number(one["step_ms"], 2, " ms"),
             )
             for one in variants.values()
         ],
@@ -201,4 +183,6 @@ TABLES: dict[str, Callable[[dict[str, Figures]], str]] = {
     "ablation-robots": _ablation("robots"),
     "proposals-motorway": _proposals("motorway"),
     "proposals-robots": _proposals("robots"),
+    "law": law,
+    "fleet": fleet,
 }
