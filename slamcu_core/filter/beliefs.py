@@ -52,7 +52,7 @@ class Beliefs:
         if table.kind[row] != Kind.NEW:
             covariance = inverse(table.seen_information[row].ravel()[[0, 1, 3]])
             xx, cross, yy = covariance.tolist()
-            x, y = table.seen_vector[row].tolist()
+            x, y = (table.seen_vector[row] - self._miscalibration(row)).tolist()
             xy = np.array([xx * x + cross * y, cross * x + yy * y])
             covariance += self._particles.place_covariance()
         elif table.slot[row] >= 0:
@@ -63,6 +63,14 @@ class Beliefs:
         if table.view_weight[row] > 0.0:
             covariance = self._with_bias(covariance, xy - table.view_from[row] / table.view_weight[row])
         return xy, covariance
+
+    def _miscalibration(self, row: int) -> Array:
+        """Return what the sensor's errors, as far as they are known now, have added to `seen_vector` (2,) of a row.
+
+        Own finds are estimated with the calibration; what the map or the cloud expects is only noted as it was shown.
+        """
+        scale, turn = (self._particles.calibration @ self._particles.weights).tolist()
+        return np.asarray(scale / (1.0 + scale) * self._table.by_scale[row] + turn * self._table.by_turn[row])
 
     def _with_bias(self, covariance: Array, line: Array) -> Array:
         """Add to a covariance (3,) what the car's detections along a line of sight (2,) have wrong in common."""

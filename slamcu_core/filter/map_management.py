@@ -118,12 +118,16 @@ class MapManagement:
         measured, noise = seen.measurement[:, detections], seen.noise[:, detections]
         ahead_left = seen.ahead_left[:, detections]
         x, y = heading @ ahead_left + here[:, None]
-        xx, xy, yy = model.information(heading @ seen.toward[:, detections], measured, noise)
+        toward = heading @ seen.toward[:, detections]
+        xx, xy, yy = model.information(toward, measured, noise)
         weight = 1.0 / noise[0]
-        sums = np.empty((9, len(rows)))  # in the order of the parts of `sighted`
+        sums = np.empty((13, len(rows)))  # in the order of the parts of `sighted`
         sums[0], sums[1], sums[2], sums[3] = xx, xy, xy, yy
         sums[4], sums[5] = xx * x + xy * y, xy * x + yy * y
         sums[6], sums[7], sums[8] = weight, weight * here[0], weight * here[1]
+        sums[9:11] = weight * measured[0] * toward
+        across = 1.0 / (np.maximum(measured[0], 1e-3) * noise[1])
+        sums[11], sums[12] = -across * toward[1], across * toward[0]
         table.sighted[rows] += sums.T
         own = (table.kind[rows] == Kind.NEW).nonzero()[0]
         if len(own):

@@ -167,6 +167,7 @@ class Neighbourhood:
         sighted[has] = move(np.linalg.solve(seen[has], table.seen_vector[has][..., None])[..., 0])
         table.seen_information[:] = rotation @ seen @ rotation.T
         table.seen_vector[:] = (table.seen_information @ sighted[..., None])[..., 0]
+        table.by_scale[:], table.by_turn[:] = table.by_scale @ rotation.T, table.by_turn @ rotation.T
         looked = table.view_weight > 0.0
         table.view_from[looked] = (
             move(table.view_from[looked] / table.view_weight[looked, None]) * table.view_weight[looked, None]

@@ -39,7 +39,7 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     "pass_start": (np.float64, ()),
     "pass_last": (np.float64, ()),
     "evidence": (np.float64, (9,)),  # sums that a frame adds to; its parts are named in _PARTS
-    "sighted": (np.float64, (9,)),  # sums over the sightings of the pass; its parts are named in _PARTS
+    "sighted": (np.float64, (13,)),  # sums over the sightings of the pass; its parts are named in _PARTS
     # regression of place along the road on time: does it stand still?
     "axis": (np.float64, (2,)),  # the road's direction and our place at birth, by dead reckoning
     "origin": (np.float64, (2,)),
@@ -67,6 +67,8 @@ _PARTS: dict[str, tuple[str, slice, tuple[int, ...]]] = {
     "seen_vector": ("sighted", slice(4, 6), (2,)),  # Σ R⁻¹ p
     "view_weight": ("sighted", slice(6, 7), ()),  # Σ 1/σ_r² of sightings
     "view_from": ("sighted", slice(7, 9), (2,)),  # Σ (place of the sensor) / σ_r²
+    "by_scale": ("sighted", slice(9, 11), (2,)),  # what a range scale error of 1 adds to `seen_vector`
+    "by_turn": ("sighted", slice(11, 13), (2,)),  # what a bearing bias of 1 rad adds to it
 }
 _OF_THE_PASS = slice(Sum.PASS_FOR, None)
 
@@ -107,6 +109,8 @@ class FeatureTable:
     seen_vector: Array
     view_weight: Array
     view_from: Array
+    by_scale: Array
+    by_turn: Array
     axis: Array
     origin: Array
     track: Array
