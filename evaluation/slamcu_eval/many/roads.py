@@ -14,7 +14,7 @@ LENGTH_M = 10_000.0
 # for a car that finds less than that as mapped has too little to find its way by
 SIGNS = {"normal": 100, "new": 40, "deleted": 12, "moved": 12, "modified": 12}
 MOVED_M = (3.0, 15.0)  # how far along the road a moved sign went
-GHOSTS_PER_S = 0.6  # false alarms that last: a reflection or a poster held for a sign, by one car on one day
+GHOSTS_PER_S = 0.35  # false alarms that last: a reflection or a poster held for a sign, by one car on one day
 GHOST_FRAMES = 25  # at most, 1.7 s
 GHOST_FIXED_SHARE = 0.6  # of them stand still in the world, as a sign does
 COMMON_RANGE_BIAS = 0.02  # with --common-bias on
