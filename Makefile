@@ -3,7 +3,7 @@
 # processor, four at most), KEEP=1 (the demo goes on serving).
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint bench figures lock protobuf clean
+.PHONY: help setup demo test lint bench figures images e2e lock protobuf clean
 
 export PYTHON
 BIN := .venv/bin
@@ -35,6 +35,12 @@ bench: setup ## Measure the filter's step and its curves, the ingest and the agg
 
 figures: setup ## Measure again what the documentation quotes (STAGES='paper plots'; MRCLAM_DIR=...: recorded robots too)
 	@scripts/figures $(STAGES)
+
+images: setup ## Build the images of docker-compose.yml, and make its secrets
+	@scripts/docker-engine scripts/images
+
+e2e: setup ## Run the end-to-end test in containers (starts a Docker engine if none runs and root asks)
+	@scripts/docker-engine scripts/e2e
 
 lock: ## Write requirements.lock anew (needs uv)
 	scripts/lock

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 from slamcu_client import Server, TransportError
 from slamcu_core.formats import read_results
-from slamcu_eval.fleet import CloudError, Provider, standing_changes
+from slamcu_eval.fleet import CloudError, Provider
 from slamcu_eval.scenario import proof, records
 from slamcu_eval.scenario.plan import Plan
+from slamcu_eval.scenario.reviewer import accept_confirmed
 from slamcu_eval.scenario.system import APIS, WORKERS, Car, System, SystemFaultError
 from slamcu_eval.scenario.timeline import Timeline
 from slamcu_eval.scenario.world import Stage, set_stage
@@ -113,11 +114,7 @@ class _Story:
     def review(self) -> None:
         """Let the provider accept what is confirmed."""
         before = self.provider.map_summary(self.stage.name)
-        accepted = Counter[str]()
-        for change in standing_changes(self.provider, self.stage.name):
-            if change["state"] == "confirmed":
-                self.provider.accept(change["id"])
-                accepted[change["kind"]] += 1
+        accepted = accept_confirmed(self.provider, self.stage.name)
         after = self.provider.map_summary(self.stage.name)
         wanted = Counter(fact.kind for fact in self.stage.facts if fact.kind != "normal")
         proof.require(accepted == wanted, f"the provider accepted {dict(accepted)}, the truth is {dict(wanted)}")
