@@ -9,8 +9,9 @@ RUN mkdir -p /etc/postgresql-common && echo 'create_main_cluster = false' > /etc
  && apt-get install -y --no-install-recommends postgresql-15 postgresql-15-postgis-3 postgresql-15-postgis-3-scripts \
  && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/* /usr/share/i18n \
  && rm -rf /usr/lib/postgresql/15/lib/bitcode /usr/lib/postgresql/15/lib/llvmjit* \
-           /usr/lib/*/libLLVM-* /usr/lib/*/libz3.so* /usr/lib/llvm-* \
- && install -d -o postgres -g postgres -m 0700 /var/lib/slamcu-database
+           /usr/lib/*/libLLVM-* /usr/lib/*/libz3.so* /usr/lib/llvm-*
+# A tmpfs takes the mode of what it covers.
+RUN install -d -o postgres -g postgres -m 0700 /var/lib/slamcu-database && install -d -m 1777 /run/slamcu-database
 COPY containers/database-entrypoint /usr/local/bin/database-entrypoint
 COPY containers/postgresql.conf /etc/slamcu/postgresql.conf
 ARG VERSION=unknown

@@ -153,13 +153,16 @@ class _Story:
         self.timeline(f"the second fleet is home; all {count} messages of both are stored once and fused")
         proof.feed_is_whole(self.provider)
         proof.nothing_is_open(self.provider, self.stage)
+        features = {feature["id"] for feature in self.provider.features(self.stage.name)}
+        wanted = sum(fact.kind != "deleted" for fact in self.stage.facts)
+        proof.require(len(features) == wanted, f"the map has {len(features)} features, the road {wanted}")
         seen = Counter[str]()
         for car in second:
             with car.result.open("rb") as file:
-                seen.update(str(feature.state) for feature in read_results(file))
-        features = self.provider.map_summary(self.stage.name)["features"]
-        wanted = sum(fact.kind != "deleted" for fact in self.stage.facts)
-        proof.require(features == wanted, f"the map has {features} features, the road {wanted}")
+                said = list(read_results(file))
+            seen.update(str(feature.state) for feature in said)
+            known = {feature.map_object_id for feature in said if feature.map_object_id is not None}
+            proof.require(known == features, f"{car.name} did not drive with the map's new version")
         self.timeline(f"the second fleet's cars say {dict(seen)}; together they have nothing left to report")
 
     # --- backup and restore -------------------------------------------------------------------------------------------
