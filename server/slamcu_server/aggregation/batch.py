@@ -20,7 +20,7 @@ from slamcu_server.aggregation import log, quiet, reads, writes
 from slamcu_server.aggregation.cells import Cell
 from slamcu_server.aggregation.locks import CELL_BUDGET, BeyondLockedCells, lock_cells, require_cells
 from slamcu_server.aggregation.passes import StoredPass
-from slamcu_server.aggregation.refold import Touched, cells_of, refold
+from slamcu_server.aggregation.refold import Places, Touched, cells_of, refold
 from slamcu_server.aggregation.resolve import (
     ClaimedMessage,
     Lookups,
@@ -102,7 +102,7 @@ async def _fuse(
         taken, known = await _look_again(connection, taken, known)
         others = await _store_others(connection, taken, cells, policy, retractions=retractions)
         loud = await quiet.append(connection, [*plain, *others], policy)
-        beliefs = await refold(connection, Touched(loud, _places(others, known)), cells, policy)
+        beliefs = await refold(connection, Touched(loud, *_candidates(others, known)), cells, policy)
         entries = await feed.publish(connection, beliefs, policy)
     else:
         entries = []
@@ -185,15 +185,15 @@ async def _match(
     return [replace(message, passes=tuple(mine)) for message, mine in zip(messages, passes, strict=True)]
 
 
-def _places(passes: Iterable[StoredPass], known: Lookups) -> frozenset[tuple[int, float, float]]:
-    """Return the places near which candidates may change: of finds, and of the founding passes of watch features."""
-    found = {(item.map_id, *item.place[:2]) for item in passes if item.clusters and item.place}
-    watched = {
-        (item.map_id, known.watches[item.watch_id].lon, known.watches[item.watch_id].lat)
-        for item in passes
-        if item.watch_id is not None and item.feature_id is None
-    }
-    return frozenset(found | watched)
+def _candidates(passes: Iterable[StoredPass], known: Lookups) -> tuple[Places, frozenset[int]]:
+    """Return the places of finds, near which candidates may change, and the candidates that were watched."""
+    places, watched = set[tuple[int, float, float]](), set[int]()
+    for item in passes:
+        if item.clusters and item.place:
+            places.add((item.map_id, *item.place[:2]))
+        elif item.watch_id is not None and item.feature_id is None:
+            watched.add(known.watches[item.watch_id].candidate_id)
+    return frozenset(places), frozenset(watched)
 
 
 def _decode(claimed: Iterable[ClaimedMessage]) -> tuple[dict[int, ReportMessage], dict[int, str]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from math import cos, floor, radians
 
 _ROW_DEG = 0.01
@@ -59,11 +60,16 @@ def cell_at(map_id: int, lon: float, lat: float) -> Cell:
 def cells_within(map_id: int, lon: float, lat: float, reach_m: float) -> frozenset[Cell]:
     """Return every cell that a circle of `reach_m` metres around a place (degrees) may touch."""
     north = reach_m / _METRES_PER_DEG
+    south_row, north_row = _row(lat - north), _row(lat + north)
+    if south_row == north_row:  # most circles lie within one cell
+        columns = _columns(south_row)
+        at, east = (lon + 180.0) / 360.0 * columns, north / _narrowest(lat, north) / 360.0 * columns
+        if floor(at - east) == floor(at + east) and columns > 4:
+            return frozenset((Cell(map_id, south_row, floor(at) % columns),))
     cells: set[Cell] = set()
-    for row in range(_row(lat - north), _row(lat + north) + 1):
+    for row in range(south_row, north_row + 1):
         columns = _columns(row)
-        narrowest = cos(radians(min(89.999, max(abs(lat - north), abs(lat + north)))))
-        east = north / narrowest
+        east = north / _narrowest(lat, north)
         if 2 * east >= 360.0 - 360.0 / columns:
             cells.update(Cell(map_id, row, column) for column in range(columns))
             continue
@@ -82,6 +88,12 @@ def _row(lat: float) -> int:
     return min(max(floor((lat + 90.0) / _ROW_DEG), 0), _ROWS - 1)
 
 
+def _narrowest(lat: float, north: float) -> float:
+    """Return the cosine of the latitude within `north` degrees of a place that is nearest to a pole."""
+    return cos(radians(min(89.999, abs(lat) + north)))
+
+
+@lru_cache(maxsize=4096)
 def _columns(row: int) -> int:
     south = -90.0 + row * _ROW_DEG
     poleward = max(abs(south), abs(south + _ROW_DEG))

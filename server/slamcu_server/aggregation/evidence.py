@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import lru_cache
 
 import numpy as np
 
@@ -14,14 +15,14 @@ from slamcu_core.aggregation import (
     ClassPolicy,
     FoldedState,
     Side,
-    contributions,
+    contributions_each,
     fades_at,
-    fold,
+    fold_each,
     fuse_positions,
 )
 from slamcu_core.evidence import masses_from_weights
 from slamcu_core.geometry import LocalFrame
-from slamcu_server.aggregation.cells import cell_at
+from slamcu_server.aggregation.cells import Cell, cell_at
 from slamcu_server.aggregation.passes import StoredPass
 
 
@@ -72,23 +73,39 @@ def moment(posix_s: float | None) -> datetime | None:
 
 
 def summarize(
-    passes: Iterable[StoredPass],
+    things: Sequence[Iterable[StoredPass]],
     policy: ClassPolicy,
     side: Side,
     *,
-    prior_weight: float = 0.0,
+    prior_weights: Sequence[float] | None = None,
     may_expire: Callable[[StoredPass], bool] = lambda _: True,
-) -> Summary:
-    """Fold the passes over one thing and count them.
+) -> list[Summary]:
+    """Fold the passes over each of many things of one class, and count them; without `prior_weights` none has a prior.
 
     Passes of epochs before the window of contributions that fold are expired: nothing that comes later, however late,
     can bring them back. Only the last that saw it stays. Expired passes are left out of the counts, which are therefore
     a pure function of all that was ever reported, whether the expired passes are still stored or not.
     """
-    ordered = sorted(passes, key=lambda item: item.order)
-    state = fold(
-        contributions([item.evidence for item in ordered], policy), prior_weight=prior_weight, policy=policy, side=side
+    ordered = [sorted(passes, key=lambda item: item.order) for passes in things]
+    states = fold_each(
+        contributions_each([[item.evidence for item in mine] for mine in ordered], policy),
+        prior_weights=[0.0] * len(ordered) if prior_weights is None else prior_weights,
+        policy=policy,
+        side=side,
     )
+    return [
+        _summary(mine, state, policy, side, may_expire=may_expire) for mine, state in zip(ordered, states, strict=True)
+    ]
+
+
+def _summary(
+    ordered: Sequence[StoredPass],
+    state: FoldedState,
+    policy: ClassPolicy,
+    side: Side,
+    *,
+    may_expire: Callable[[StoredPass], bool],
+) -> Summary:
     looked = [item for item in ordered if item.counts and not item.blocked]
     seen = [item for item in looked if item.found]
     expired: set[int] = set()
@@ -152,7 +169,12 @@ def fuse_place(passes: Iterable[StoredPass], policy: ClassPolicy) -> Place:
 
 def frame_at(lon: float, lat: float) -> LocalFrame:
     """Return the metric frame of the cell in which a place lies."""
-    west, south, east, north = cell_at(0, lon, lat).bounds
+    return _frame_of(cell_at(0, lon, lat))
+
+
+@lru_cache(maxsize=4096)
+def _frame_of(cell: Cell) -> LocalFrame:
+    west, south, east, north = cell.bounds
     return LocalFrame((west + east) / 2, (south + north) / 2)
 
 

@@ -67,15 +67,25 @@ def fold_candidates(
     parts: Partition, watched: Mapping[int, Sequence[StoredPass]], policy: Policy
 ) -> list[CandidateFold]:
     """Fold each candidate's members and the passes over the watch features that it bears."""
+    passes = [
+        (*item.members, *(report for key in _ids(item) for report in watched.get(key, ())))
+        for item in parts.memberships
+    ]
+    classes = [item.founder.feature_class for item in parts.memberships]
+    summaries: dict[int, Summary] = {}
+    for name in sorted(set(classes)):
+        mine = [number for number, each in enumerate(classes) if each == name]
+        made = summarize(
+            [passes[number] for number in mine], policy.for_class(name), Side.NEW, may_expire=_named_a_watch_feature
+        )
+        summaries.update(zip(mine, made, strict=True))
     folds: list[CandidateFold] = []
-    for item in parts.memberships:
-        ids = [*item.merged] if item.candidate_id is None else [item.candidate_id, *item.merged]
-        passes = (*item.members, *(report for key in ids for report in watched.get(key, ())))
-        rules = policy.for_class(item.founder.feature_class)
-        summary = summarize(passes, rules, Side.NEW, may_expire=_named_a_watch_feature)
-        kept = tuple(one for one in passes if one.id not in set(summary.expired))
+    for number, item in enumerate(parts.memberships):
+        summary, gone = summaries[number], frozenset(summaries[number].expired)
+        kept = tuple(one for one in passes[number] if one.id not in gone)
         sign, value = prevailing(kept)
-        folds.append(CandidateFold(item, kept, summary, fuse_place(kept, rules), sign, value))
+        place = fuse_place(kept, policy.for_class(classes[number]))
+        folds.append(CandidateFold(item, kept, summary, place, sign, value))
     return folds
 
 
@@ -83,15 +93,31 @@ def fold_features(
     features: Iterable[MappedFeature], passes: Mapping[int, Sequence[StoredPass]], policy: Policy
 ) -> dict[int, Summary]:
     """Fold the passes over map features, each from its prior (eq. 3)."""
-    return {
-        feature.id: summarize(
-            passes.get(feature.id, ()),
-            policy.for_class(feature.feature_class),
+    by_class: dict[str, list[MappedFeature]] = {}
+    for feature in features:
+        by_class.setdefault(feature.feature_class, []).append(feature)
+    summaries: dict[int, Summary] = {}
+    for name, mine in by_class.items():
+        made = summarize(
+            [passes.get(feature.id, ()) for feature in mine],
+            policy.for_class(name),
             Side.DELETED,
-            prior_weight=float(support(feature.existence_confidence)),
+            prior_weights=support([feature.existence_confidence for feature in mine]).tolist(),
         )
-        for feature in features
-    }
+        summaries.update(zip((feature.id for feature in mine), made, strict=True))
+    return summaries
+
+
+def members(candidate_id: int, passes: Sequence[StoredPass]) -> Membership | None:
+    """Return a candidate's membership out of the passes that count for it as they are stored; None without any find."""
+    mine = sorted((item for item in passes if item.clusters), key=lambda item: item.order)
+    founder = next((item for item in mine if item.found), None)
+    return None if founder is None else Membership(candidate_id, founder, tuple(mine), ())
+
+
+def _ids(item: Membership) -> list[int]:
+    """Return the ids of the watch features that a candidate bears."""
+    return [*item.merged] if item.candidate_id is None else [item.candidate_id, *item.merged]
 
 
 def _named_a_watch_feature(item: StoredPass) -> bool:

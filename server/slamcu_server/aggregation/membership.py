@@ -70,6 +70,10 @@ def assign(
     -------
     The clusters in the order of their founders, and the misses that are near none.
     """
+    if len(group) == 1:  # as most are
+        (item,) = group
+        candidate_id = founded.get(item.id)
+        return ([Membership(candidate_id, item, (item,), ())], []) if item.found else ([], [item])
     places = [_place(item) for item in group]
     frame = frame_at(places[0][0], places[0][1])
     clusters = cluster(

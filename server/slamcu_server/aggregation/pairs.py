@@ -112,13 +112,18 @@ async def candidates_beside(
 
 
 async def features_beside(connection: AsyncConnection, places: Iterable[Place], reach_m: float) -> set[int]:
-    """Return the features of the current maps near places against which anything was reported."""
+    """Return the features of the current maps near places against which enough is believed to be half of a change.
+
+    What could fade could be half of a change; so could, in rows that an older server wrote, what evidence prevails
+    against.
+    """
     rows = [dict(zip(_PLACE_TYPES, place, strict=True)) for place in reads.both_sides(sorted(set(places)))]
     result = await connection.execute(
         text(f"""
         SELECT DISTINCT v.feature_id FROM {unnest(_PLACE_TYPES)}
         JOIN feature_versions v ON v.map_id = r.map_id AND v.to_sequence IS NULL AND v.geom && {reads.box("r")}
-        JOIN feature_states s ON s.feature_id = v.feature_id AND s.weight_against > 0"""),  # noqa: S608  (constants)
+        JOIN feature_states s ON s.feature_id = v.feature_id
+            AND (s.fades_at IS NOT NULL OR s.weight_against > s.weight_for)"""),  # noqa: S608  (constants)
         {**arrays(_PLACE_TYPES, rows), "reach": reads.degrees(reach_m)},
     )
     return {row.feature_id for row in result}

@@ -121,7 +121,7 @@ async def _features_by_object(
         WHERE f.map_id = ANY(CAST(:maps AS bigint[])) AND f.object_id = ANY(CAST(:objects AS bigint[]))"""),
         {"maps": map_ids, "objects": object_ids},
     )
-    return {(row.map_id, row.object_id): MapFeatureReference(row.id, row.lon, row.lat, row.since) for row in found}
+    return {(map_id, object_id): MapFeatureReference(*rest) for map_id, object_id, *rest in found}
 
 
 async def watches(connection: AsyncConnection, ids: Iterable[int]) -> dict[int, WatchReference]:
@@ -195,7 +195,7 @@ async def windowed_features(connection: AsyncConnection, added: Mapping[int, int
         ORDER BY r.id"""),  # noqa: S608  (constants)
         arrays(types, rows),
     )
-    return [WindowedFeature(row.id, row.feature_class, row.existence_confidence, row.said, row.window) for row in found]
+    return [WindowedFeature(*row) for row in found]
 
 
 async def features_near(
@@ -307,6 +307,19 @@ async def passes_over_candidate(connection: AsyncConnection, candidate_id: int) 
         text(f"{_SELECT} WHERE p.candidate_id = :id AND p.retraction_id IS NULL"), {"id": candidate_id}
     )
     return [stored_pass(row) for row in result]
+
+
+async def passes_over_candidates(connection: AsyncConnection, ids: Iterable[int]) -> dict[int, list[StoredPass]]:
+    """Return the passes that count for candidates, by candidate."""
+    result = await connection.execute(
+        text(f"{_SELECT} WHERE p.candidate_id = ANY(CAST(:ids AS bigint[])) AND p.feature_id IS NULL AND {_COUNTS}"),
+        {"ids": sorted(set(ids))},
+    )
+    by_candidate: dict[int, list[StoredPass]] = {}
+    for item in map(stored_pass, result):
+        if item.candidate_id is not None:
+            by_candidate.setdefault(item.candidate_id, []).append(item)
+    return by_candidate
 
 
 async def candidates_founded_by(connection: AsyncConnection, pass_ids: Iterable[int]) -> dict[int, KnownCandidate]:

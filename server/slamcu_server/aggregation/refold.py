@@ -16,7 +16,14 @@ from slamcu_core.aggregation import Policy
 from slamcu_server.aggregation import reads, windows, writes
 from slamcu_server.aggregation.cells import Cell, cells_within
 from slamcu_server.aggregation.evidence import Place, Summary
-from slamcu_server.aggregation.folding import CandidateFold, fold_candidates, fold_features, partition
+from slamcu_server.aggregation.folding import (
+    CandidateFold,
+    Partition,
+    fold_candidates,
+    fold_features,
+    members,
+    partition,
+)
 from slamcu_server.aggregation.locks import require_cells
 from slamcu_server.aggregation.pairs import (
     candidates_beside,
@@ -48,7 +55,8 @@ class Touched:
     """What has to be folded again; None stands for everything there is."""
 
     features: frozenset[int] | None = None
-    places: Places | None = None  # (map id, lon, lat) near which candidates may have changed
+    places: Places | None = None  # (map id, lon, lat) near which finds have come or gone
+    candidates: frozenset[int] = frozenset()  # of which only watch features were reported: their finds stay the same
 
 
 async def refold(
@@ -64,6 +72,7 @@ async def refold(
     unmapped: set[int] = set()
     gone: set[int] = set()  # candidates that are none any more, though a pair is stored
     todo: Touched | None = touched
+    watched = touched.candidates
     while todo is not None:
         if todo.features is None or todo.features:
             mapped, without = await _refold_features(connection, todo.features, policy)
@@ -73,6 +82,8 @@ async def refold(
             found, into = await _refold_candidates(connection, todo.places, held, policy)
             candidates |= found
             merged |= into
+        if watched := watched - candidates.keys() - merged.keys():
+            candidates |= await _refold_watched(connection, watched, held, policy)
         known = Neighbourhood(features, candidates, frozenset(merged), frozenset(unmapped))
         todo, stale = await _further(connection, known, held, policy)
         gone |= stale
@@ -152,6 +163,22 @@ async def _refold_candidates(
     await writes.delete_passes(connection, (key for one in folds for key in one.summary.expired))
     beliefs = {key: candidate_belief(key, one, policy.version) for key, one in zip(ids, folds, strict=True)}
     return beliefs, parts.merged
+
+
+async def _refold_watched(
+    connection: AsyncConnection, ids: frozenset[int], held: frozenset[Cell] | None, policy: Policy
+) -> dict[int, tuple[Subject, Belief]]:
+    """Fold candidates again whose finds are the same: a group need not be clustered anew for what names a candidate."""
+    passes = await reads.passes_over_candidates(connection, ids)
+    standing = (members(key, passes[key]) for key in sorted(passes))
+    parts = Partition(tuple(one for one in standing if one is not None), ())
+    places = ((item.map_id, *item.place[:2]) for one in parts.memberships for item in one.members if item.place)
+    require_cells(cells_of(places, policy), held)
+    named = {key: [item for item in mine if not item.clusters] for key, mine in passes.items()}
+    folds = await asyncio.to_thread(fold_candidates, parts, named, policy)
+    known = await _write_candidates(connection, folds, policy)
+    await writes.delete_passes(connection, (key for one in folds for key in one.summary.expired))
+    return {key: candidate_belief(key, one, policy.version) for key, one in zip(known, folds, strict=True)}
 
 
 async def _write_candidates(connection: AsyncConnection, folds: list[CandidateFold], policy: Policy) -> list[int]:

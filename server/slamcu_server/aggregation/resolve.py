@@ -7,13 +7,14 @@ whole message goes to quarantine with the reason, because a vehicle that is wron
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from slamcu_core.aggregation import Policy
 from slamcu_core.errors import SlamcuError
-from slamcu_core.reports import PassReport, ReportMessage
+from slamcu_core.reports import ReportMessage
 from slamcu_server.aggregation.cells import Cell, cells_within
 from slamcu_server.aggregation.evidence import frame_at
 from slamcu_server.aggregation.passes import StoredPass
@@ -95,6 +96,18 @@ class ResolvedMessage:
         return frozenset[Cell]().union(*(cells_within(*anchor, reach_m) for anchor in self.anchors))
 
 
+class _About(NamedTuple):
+    """What a pass is about."""
+
+    feature_id: int | None = None
+    watch_id: int | None = None
+    candidate_id: int | None = None
+    archived: bool = False
+
+
+_NOTHING = _About()
+
+
 def resolve_message(claimed: ClaimedMessage, report: ReportMessage, known: Lookups) -> ResolvedMessage:
     """Tie the passes of a message to what they name.
 
@@ -108,34 +121,30 @@ def resolve_message(claimed: ClaimedMessage, report: ReportMessage, known: Looku
     passes: list[StoredPass] = []
     anchors: set[tuple[int, float, float]] = set()
     for index, item in enumerate(report.passes):
-        stored = _stored(claimed, report, index, item, map_id)
         reference = item.reference
-        if reference is not None and reference.watched:
+        if reference is None:
+            about = _NOTHING
+            if item.position is not None:
+                anchors.add((map_id, item.position.lon, item.position.lat))
+        elif reference.watched:
             watch = known.watches.get(reference.object_id)
             if watch is None or watch.map_id != map_id:
                 raise UnresolvableError(
                     f"passes[{index}]: map {identity.source!r} has no watch feature {reference.object_id}"
                 )
             # The candidate may have been accepted meanwhile: then this is evidence about the map feature it became.
-            stored = replace(
-                stored,
-                watch_id=watch.id,
-                candidate_id=None if watch.feature_id else watch.candidate_id,
-                feature_id=watch.feature_id,
-            )
+            about = _About(watch.feature_id, watch.id, None if watch.feature_id else watch.candidate_id)
             anchors.add((map_id, watch.lon, watch.lat))
-        elif reference is not None:
+        else:
             feature = known.features.get((map_id, reference.object_id))
             if feature is None:
                 raise UnresolvableError(
                     f"passes[{index}]: map {identity.source!r} never had a feature {reference.object_id}"
                 )
             # Who has an older map speaks of what it was, or of where it was.
-            stored = replace(stored, feature_id=feature.id, archived=sequence < feature.since_sequence)
+            about = _About(feature.id, archived=sequence < feature.since_sequence)
             anchors.add((map_id, feature.lon, feature.lat))
-        elif item.position is not None:
-            anchors.add((map_id, item.position.lon, item.position.lat))
-        passes.append(stored)
+        passes.append(_stored(claimed, report, index, map_id, about))
     return ResolvedMessage(claimed, report, sequence, tuple(passes), tuple(sorted(anchors)))
 
 
@@ -192,7 +201,8 @@ def _compatible(item: StoredPass, feature: NearbyFeature) -> bool:
     )
 
 
-def _stored(claimed: ClaimedMessage, report: ReportMessage, index: int, item: PassReport, map_id: int) -> StoredPass:
+def _stored(claimed: ClaimedMessage, report: ReportMessage, index: int, map_id: int, about: _About) -> StoredPass:
+    item = report.passes[index]
     return StoredPass(
         id=0,
         key=(claimed.account_id, claimed.session_id, claimed.message_id, index),
@@ -207,6 +217,10 @@ def _stored(claimed: ClaimedMessage, report: ReportMessage, index: int, item: Pa
         weight_against=item.weight_against,
         valid=item.valid,
         trusted=report.health.trusted,
+        feature_id=about.feature_id,
+        watch_id=about.watch_id,
+        candidate_id=about.candidate_id,
+        archived=about.archived,
         lon=item.position.lon if item.position else None,
         lat=item.position.lat if item.position else None,
         covariance_m2=item.position.covariance_m2 if item.position else None,
