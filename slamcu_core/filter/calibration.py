@@ -92,7 +92,7 @@ class SensorCalibration:
         distance : (A,) true range, averaged over the particles, m.
         noise : (2, A) variances of the measurement and of the map's place, already tempered.
         """
-        gain = np.empty_like(noise)
+        shift = np.zeros((2, len(particles)))
         scale_variance, turn_variance = self.variance.tolist()
         for index, (mean_range, (range_noise, bearing_noise)) in enumerate(
             zip(distance.tolist(), noise.T.tolist(), strict=True)
@@ -101,6 +101,8 @@ class SensorCalibration:
             turn_gain = turn_variance / (turn_variance + bearing_noise)
             scale_variance *= 1.0 - scale_gain * mean_range
             turn_variance *= 1.0 - turn_gain
-            gain[:, index] = scale_gain, turn_gain
+            # what the features before have taught is in the prediction of this one
+            shift[0] += scale_gain * (innovation[0, index] - mean_range * shift[0])
+            shift[1] += turn_gain * (innovation[1, index] - shift[1])
         self.variance = np.array([scale_variance, turn_variance])
-        particles.calibration += np.matmul(gain[:, None], innovation)[:, 0]
+        particles.calibration += shift

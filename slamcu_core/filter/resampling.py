@@ -26,8 +26,8 @@ def resample(particles: Particles, fraction: float, jitter: float, rng: np.rando
     """Resample in place if M_eff < α M (eq. 20); return whether it was done.
 
     Copies are spread again by a Gaussian kernel of `jitter` standard deviations of the cloud after shrinking the
-    cloud towards its mean by sqrt(1 - jitter²), which keeps mean and covariance (Liu and West 2001). What a particle
-    holds as Gaussians given its path moves along.
+    cloud towards its mean by sqrt(1 - jitter²), which keeps mean and covariance (Liu and West 2001): exactly, for what
+    chance adds to them at each resampling would add up. What a particle holds as Gaussians given its path moves along.
     """
     if particles.effective >= fraction * len(particles):
         return False
@@ -40,12 +40,19 @@ def resample(particles: Particles, fraction: float, jitter: float, rng: np.rando
     if follows is not None:
         delta = particles.state - mean[:, None]
         delta[2] = wrap_angle(delta[2])
-        # by Cholesky's root: the signs of eigenvectors are rounding's to choose
-        noise = np.linalg.cholesky(correlation) @ rng.standard_normal(delta.shape) * std[:, None]
-        shift = (np.sqrt(1.0 - jitter**2) - 1.0) * delta + jitter * noise
+        root = np.linalg.cholesky(correlation)  # no eigenvectors: their signs are rounding's to choose
+        spread = np.sqrt(1.0 - jitter**2) * delta / std[:, None] + jitter * (root @ rng.standard_normal(delta.shape))
+        shift = _having(spread, root) * std[:, None] - delta
         particles.state += shift
         _follow(particles, follows @ shift)
     return True
+
+
+def _having(sample: Array, root: Array) -> Array:
+    """Return a sample (K, M) shifted and stretched so that its mean is 0 and its covariance root rootᵀ."""
+    centred = sample - sample.mean(axis=1, keepdims=True)
+    covariance = centred @ centred.T / sample.shape[1] + 1e-9 * np.eye(len(sample))
+    return np.asarray(root @ np.linalg.solve(np.linalg.cholesky(covariance), centred))
 
 
 def _regression(particles: Particles, weights: Array, mean: Array, correlation: Array, std: Array) -> Array:

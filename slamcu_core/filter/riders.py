@@ -1,7 +1,8 @@
 """Things that ride along: signs painted on lorries, and whatever else keeps its distance while we drive.
 
 Each detection is compared with those of the same kind a little way back on the road. If it stands where they stood as
-seen from the car, it moves with traffic; if it stands where they stood on the road, it does not. The majority decides.
+seen from the car, it moves with traffic; if it stands where they stood on the road, it does not. A clear majority
+decides.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ Array = NDArray[np.float64]
 _BACK_M = (12.0, 60.0)  # how far back on the road: far enough to tell the two apart, near enough to be the same thing
 _SLACK = 1.5  # standard deviations that the ranges of one thing may differ by
 _VOTES = 3  # earlier detections that must agree
+_AGAINST = 4  # and so many times as many as speak for standing still: signs in a row stand where the last one stood
 _MOST = 400  # detections remembered
 
 
@@ -32,7 +34,7 @@ class Riders:
         now[0] = odometer
         now[1:3] = seen.ahead_left
         np.multiply(seen.noise[0], _SLACK**2, out=now[3])
-        now[4] = seen.feature_class * 1e6 + seen.sign
+        now[4] = (seen.feature_class * 4096.0 + seen.sign) * 4096.0 + seen.value
         driven = self._recent[0, self._begin : self._end]
         self._begin += int(driven.searchsorted(odometer - _BACK_M[1]))
         old = self._recent[:, self._begin : self._end]
@@ -69,5 +71,5 @@ def _ride(now: Array, old: Array) -> NDArray[np.bool_]:
         some = riding.nonzero()[0]
         still = closer[some]
         still -= driven[some] - old[0]
-        riding[some] = votes[some] > (same[some] & (still * still < room[some])).sum(axis=1)
+        riding[some] = votes[some] > _AGAINST * (same[some] & (still * still < room[some])).sum(axis=1)
     return np.asarray(riding)
