@@ -106,6 +106,9 @@ class Settings(BaseSettings):
     message_retention_days: float = Field(
         30.0, gt=0, description="How long the body of an aggregated message is kept; its identity stays."
     )
+    archive_retention_days: float = Field(
+        365.0, gt=0, description="How long passes that no belief is folded from any more are kept to explain changes."
+    )
 
     @field_validator("database_url")
     @classmethod

@@ -145,6 +145,7 @@ async def test_open_candidates_are_watch_features(
         "tile_id": watch_tile_id(2.2, 48.8),
         "watch": True,
         "covariance_m2": [0.5, 0.1, 0.3],
+        "kind": "new",
     }
     assert [f.watched for f in load_hd_map([answer.content])] == [False, True]
     # A provider gets them when it asks; a vehicle can do without.

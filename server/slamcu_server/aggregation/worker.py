@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
 from datetime import timedelta
 
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
-from sqlalchemy.ext.asyncio import AsyncEngine
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from slamcu_core.aggregation import Policy
 from slamcu_core.errors import SlamcuError
@@ -29,7 +29,7 @@ logger = logging.getLogger(__name__)
 BATCH_SIZE = 64
 POLL_S = 1.0  # between looks at the log when nobody calls: a notification may be lost with its connection
 _HOUSEKEEPING_S = 600.0
-_BODIES_AT_ONCE = 1000
+_AT_ONCE = 1000
 # SQLSTATE classes after which the same work may succeed: connection, rollback, resources, operator, system
 _PASSING = ("08", "40", "53", "55", "57", "58")
 _ATTEMPTS = 5  # at a batch that was rolled back for reasons that pass
@@ -55,7 +55,6 @@ async def run_worker(
         logger.warning(
             "%d beliefs were folded under another policy than %s: run slamcu-server rebuild", outdated, policy.version
         )
-    retention = timedelta(days=settings.message_retention_days)
     cleaned_at = corrected_at = -_HOUSEKEEPING_S
     trusted_at = time.monotonic()
     async with _listening(engine) as caller:
@@ -74,7 +73,8 @@ async def run_worker(
                     continue
                 corrected_at = begun
             if begun - cleaned_at > _HOUSEKEEPING_S:
-                await forget_bodies(engine, retention)
+                await forget_bodies(engine, timedelta(days=settings.message_retention_days))
+                await forget_archived(engine, timedelta(days=settings.archive_retention_days))
                 await fade(engine, policy, clock_ahead=timedelta(seconds=settings.max_clock_ahead_s))
                 cleaned_at = begun
             if fused.messages:
@@ -109,13 +109,23 @@ async def drain(engine: AsyncEngine, policy: Policy, batch_size: int = BATCH_SIZ
 
 async def forget_bodies(engine: AsyncEngine, retention: timedelta) -> int:
     """Empty the bodies of messages that were fused longer ago than `retention`, and return how many."""
-    forgotten = 0
+    return await _in_pieces(engine, lambda connection: log.empty_bodies(connection, retention, _AT_ONCE))
+
+
+async def forget_archived(engine: AsyncEngine, retention: timedelta) -> int:
+    """Delete archived passes that were fused longer ago than `retention`, and return how many."""
+    return await _in_pieces(engine, lambda connection: log.forget_archived(connection, retention, _AT_ONCE))
+
+
+async def _in_pieces(engine: AsyncEngine, work: Callable[[AsyncConnection], Awaitable[int]]) -> int:
+    """Do work that does up to _AT_ONCE at a time until nothing is left, a transaction each; return how much it was."""
+    done = 0
     while True:
         async with engine.begin() as connection:
-            count = await log.empty_bodies(connection, retention, _BODIES_AT_ONCE)
-        forgotten += count
-        if count < _BODIES_AT_ONCE:
-            return forgotten
+            count = await work(connection)
+        done += count
+        if count < _AT_ONCE:
+            return done
 
 
 async def _attempt(engine: AsyncEngine, policy: Policy, limit: int, ids: Sequence[int] | None = None) -> Fused:

@@ -286,6 +286,7 @@ passes = Table(
 Index("ix_passes_feature", passes.c.feature_id, passes.c.ended_at, postgresql_where=text("feature_id IS NOT NULL"))
 Index("ix_passes_candidate", passes.c.candidate_id, postgresql_where=text("candidate_id IS NOT NULL"))
 Index("ix_passes_watch", passes.c.watch_id, postgresql_where=text("watch_id IS NOT NULL"))
+Index("ix_passes_archived", passes.c.id, postgresql_where=text("archived"))
 Index("ix_passes_retraction", passes.c.retraction_id, postgresql_where=text("retraction_id IS NOT NULL"))
 Index(
     "ix_passes_unreferenced_geom",

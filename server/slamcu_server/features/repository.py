@@ -107,7 +107,7 @@ async def list_changes(connection: AsyncConnection, feature_id: int) -> list[Row
     result = await connection.execute(
         text("""
         SELECT c.id, c.kind, c.state FROM changes c LEFT JOIN candidates k ON k.id = c.candidate_id
-        WHERE c.feature_id = :id OR (k.feature_id = :id AND c.state = 'accepted') ORDER BY c.id"""),
+        WHERE c.feature_id = :id OR (k.feature_id = :id AND c.state IN ('accepted', 'absorbed')) ORDER BY c.id"""),
         {"id": feature_id},
     )
     return list(result)

@@ -94,7 +94,10 @@ async def list_watches(
             columns.cov_yy,
             func.ST_X(columns.geom).label("lon"),
             func.ST_Y(columns.geom).label("lat"),
+            columns.pair_kind,
+            features.c.object_id.label("pair_object_id"),
         )
+        .outerjoin(features, features.c.id == columns.pair_feature_id)
         .where(columns.map_id == map_id, columns.id > after)
         .where(columns.merged_into.is_(None), columns.feature_id.is_(None))
         .order_by(columns.id)

@@ -63,7 +63,8 @@ class FeatureDocument(BaseModel):
     geometry: Point
     properties: dict[str, Any] = Field(
         description="`class`, `sign`, `value`, `heading_deg`, `existence_confidence`, `position_std_m` and "
-        "`feature_id`; of a watch feature `watch` and `covariance_m2` ([xx, xy, yy], east-north). `tile_id` goes into "
+        "`feature_id`; of a watch feature `watch`, `covariance_m2` ([xx, xy, yy], east-north), `kind` (new, moved, "
+        "modified) and what it `replaces` (the object id of what has moved or been modified). `tile_id` goes into "
         "a MAP_REFERENCE: 0 or more for map features, negative for watch features. What is not known is left out."
     )
 

@@ -13,12 +13,13 @@ from urllib.parse import quote, urlencode
 from sqlalchemy import Row
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from slamcu_server.changes.belief import Kind
 from slamcu_server.maps import repository
 from slamcu_server.maps.bbox import BoundingBox
 from slamcu_server.maps.tiles import tile_id, watch_tile_id
 from slamcu_server.problems import Problem
 
-_FORMAT = 1  # part of every ETag: raise it when the documents change
+_FORMAT = 2  # part of every ETag: raise it when the documents change
 _WATCH = "watch-"
 
 
@@ -148,6 +149,8 @@ def watch_feature(row: Row[Any]) -> dict[str, Any]:
         "tile_id": watch_tile_id(row.lon, row.lat),
         "watch": True,
         "covariance_m2": [row.cov_xx, row.cov_xy, row.cov_yy],
+        "kind": row.pair_kind or Kind.NEW.value,
+        "replaces": row.pair_object_id,
     }
     return _feature(row.id, [row.lon, row.lat], properties)
 

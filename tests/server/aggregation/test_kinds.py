@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
 from typing import Any
 
 import httpx
 import pytest
 
 from slamcu_server.aggregation import rebuild
+from slamcu_server.aggregation.worker import forget_archived
 
 pytestmark = pytest.mark.anyio
 
@@ -62,6 +64,9 @@ async def test_a_sign_moved_by_three_metres_is_one_change(
     assert change["evidence"]["would_flip"]["by"] == "misses"
     assert change["evidence_from"]["would_flip"]["by"] == "detections"
     assert len(change["evidence"]["contributions"]) == len(change["evidence_from"]["contributions"]) == 5
+    page = (await client.get("/v1/maps/town/features?watch=true", headers=provider)).json()
+    [watch] = [one["properties"] for one in page["features"] if one["properties"].get("watch")]
+    assert (watch["kind"], watch["replaces"]) == ("moved", 1)
     assert await rebuild.differences(town.engine, town.policy) == []
 
 
@@ -177,6 +182,21 @@ async def test_accepting_a_move_edits_the_feature_and_archives_what_was_said_of_
     assert explained["mapped_in"] == "2026.05+1"
     taken = await town.scalar("SELECT mapped_at - first_evidence_at FROM changes")
     assert taken.total_seconds() > 0
+
+
+async def test_what_no_belief_needs_any_more_is_forgotten_in_time(
+    town: Any, reports: Any, client: httpx.AsyncClient, provider: Headers
+) -> None:
+    await moved(town, reports)
+    [candidate] = await town.candidates()
+    await review(client, provider, 1, decision="accept")
+    assert await forget_archived(town.engine, timedelta(days=1)) == 0
+    assert await forget_archived(town.engine, timedelta(0)) == 9
+    assert [row.id for row in await town.rows("SELECT id FROM passes")] == [candidate.founding_pass]
+    # Vehicles may still name the watch feature that it was.
+    await town.report("watcher", reports.seen(candidate.id, hours=30, watched=True))
+    await town.fuse()
+    assert (await town.feature_state(1)).contributors_for == 1
 
 
 async def test_accepting_a_modification_keeps_the_place(
