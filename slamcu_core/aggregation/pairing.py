@@ -31,6 +31,7 @@ class Half:
     value: str | None
     covariance: Array  # (2, 2), m²
     begun: tuple[float | None, float | None]  # POSIX s, the change came about between these; None: no bound
+    heading_deg: float | None = None  # compass direction that the map says its face looks
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +53,12 @@ def pair(
 
     At the same place (within the gate and the match radius) they are one `modified` thing if sign or value differ, and
     one that has moved a little if not. Farther away, up to `pair_radius_m`, they are one moved thing if class and sign
-    are the same, the values do not differ, and the one came when the other went, within `pair_days`.
+    are the same, the values do not differ, it is still on its side of the road, and the one came when the other went,
+    within `pair_days`.
 
     Parameters
     ----------
-    difference : (2,) m, from a feature to a candidate; None where they are on different maps or far apart.
+    difference : (2,) m east and north, from a feature to a candidate; None on different maps, or far apart.
 
     Returns
     -------
@@ -72,7 +74,7 @@ def pair(
             if shift is None:
                 continue
             squared = _squared_distance(feature, candidate, shift, rules)
-            modified = _modified(feature, candidate, squared, float(np.hypot(*shift)), rules)
+            modified = _modified(feature, candidate, squared, shift, rules)
             if modified is not None:
                 pairing = Pairing(feature.key, candidate.key, modified)
                 found.append((squared, feature.order, candidate.order, pairing))
@@ -91,14 +93,25 @@ def _squared_distance(feature: Half, candidate: Half, shift: Array, rules: Class
     return float(shift @ np.linalg.solve(spread, shift))
 
 
-def _modified(feature: Half, candidate: Half, squared: float, distance_m: float, rules: ClassPolicy) -> bool | None:
+def _modified(feature: Half, candidate: Half, squared: float, shift: Array, rules: ClassPolicy) -> bool | None:
     """Tell whether two halves are one modified thing (True), a moved one (False), or not one (None)."""
     same = compatible(feature.sign, candidate.sign) and compatible(feature.value, candidate.value)
+    distance_m = float(np.hypot(*shift))
     if squared <= rules.gate and distance_m <= rules.match_radius_m:
         return not same
     if distance_m > rules.pair_radius_m or not same or feature.sign != candidate.sign:
         return None
+    if _across(shift, feature.heading_deg) > rules.pair_lateral_m:
+        return None
     return False if _at_once(feature.begun, candidate.begun, rules.pair_days * _DAY_S) else None
+
+
+def _across(shift: Array, heading_deg: float | None) -> float:
+    """Return how far a shift (2,) east and north goes across a compass direction; 0 if that is not known."""
+    if heading_deg is None:
+        return 0.0
+    heading = np.deg2rad(heading_deg)
+    return float(abs(shift[0] * np.cos(heading) - shift[1] * np.sin(heading)))
 
 
 def _at_once(

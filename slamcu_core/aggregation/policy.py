@@ -70,6 +70,7 @@ class ClassPolicy:
     position_floor_m: float = 0.35  # m per axis, 1 σ: bias common to one vehicle's passes (1.5 % range bias at 25 m)
     match_radius_m: float = 5.0  # m beyond which two places are never one object, however vague they are
     pair_radius_m: float = 30.0  # m within which a deleted and a new one of the same type are one that moved
+    pair_lateral_m: float = 8.0  # m of that across the way it faces: on the other side of the road is another one
     pair_days: float = 30.0  # days between the turn of evidence about the old place and the first find at the new one
     pair_patience: int = 6  # contributors for a new one from which it waits no more for a deletion under way beside it
 
@@ -104,7 +105,15 @@ class ClassPolicy:
             self.minimum_informativeness,
             "within [0, 1)",
         )
-        for name in ("half_life_days", "contributor_weight", "gate", "position_floor_m", "match_radius_m", "pair_days"):
+        for name in (
+            "half_life_days",
+            "contributor_weight",
+            "gate",
+            "position_floor_m",
+            "match_radius_m",
+            "pair_lateral_m",
+            "pair_days",
+        ):
             _require(getattr(self, name) > 0.0, name, getattr(self, name), "above 0")
         _require(
             self.pair_radius_m >= self.match_radius_m,

@@ -26,8 +26,9 @@ def half(
     feature_class: str = "traffic_sign",
     begun: tuple[float | None, float | None] = (None, 0.0),
     std_m: float = 0.3,
+    heading_deg: float | None = None,
 ) -> tuple[Half, np.ndarray]:
-    made = Half(key, (key,), feature_class, sign, value, std_m**2 * np.eye(2), begun)
+    made = Half(key, (key,), feature_class, sign, value, std_m**2 * np.eye(2), begun, heading_deg)
     return made, np.array([x, y])
 
 
@@ -73,6 +74,22 @@ def test_what_two_halves_are_together(candidate: Any, expected: bool | None) -> 
 )
 def test_a_sign_moves_at_one_time(gone: Any, came: Any, one: bool) -> None:
     assert bool(paired([half("f", 0.0, begun=gone)], [half("c", 3.0, begun=came)])) is one
+
+
+@pytest.mark.parametrize(
+    ("heading_deg", "x", "y", "one"),
+    [
+        (90.0, 15.0, 2.0, True),  # along the road, which goes east
+        (270.0, -15.0, 2.0, True),
+        (90.0, 2.0, 15.0, False),  # on its other side
+        (None, 2.0, 15.0, True),  # nobody knows where the road goes
+        (0.0, 2.0, 15.0, True),
+        (45.0, 12.0, 12.0, True),
+        (45.0, 12.0, -12.0, False),
+    ],
+)
+def test_a_sign_on_the_other_side_of_the_road_is_another(heading_deg: Any, x: float, y: float, one: bool) -> None:
+    assert bool(paired([half("f", 0.0, heading_deg=heading_deg)], [half("c", x, y)])) is one
 
 
 def test_the_nearest_goes_first_and_nothing_is_used_twice() -> None:

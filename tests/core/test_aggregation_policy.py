@@ -51,6 +51,7 @@ class_policies = st.builds(
         ("contributors_leave", 0),
         ("pair_radius_m", 4.0),
         ("pair_days", 0.0),
+        ("pair_lateral_m", 0.0),
         ("pair_patience", 1.5),
     ],
 )

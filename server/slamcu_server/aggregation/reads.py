@@ -36,6 +36,7 @@ class MappedFeature:
     value: str | None
     existence_confidence: float
     position_std_m: float
+    heading_deg: float | None
     lon: float
     lat: float
 
@@ -163,7 +164,8 @@ async def features(connection: AsyncConnection, ids: Iterable[int]) -> dict[int,
     found = await connection.execute(
         text("""
         SELECT DISTINCT ON (f.id) f.id, f.map_id, f.object_id, v.to_sequence IS NULL AS in_map, v.feature_class,
-               v.sign, v.value, v.existence_confidence, v.position_std_m, ST_X(v.geom) AS lon, ST_Y(v.geom) AS lat
+               v.sign, v.value, v.existence_confidence, v.position_std_m, v.heading_deg, ST_X(v.geom) AS lon,
+               ST_Y(v.geom) AS lat
         FROM features f JOIN feature_versions v ON v.feature_id = f.id
         WHERE f.id = ANY(CAST(:ids AS bigint[])) ORDER BY f.id, v.from_sequence DESC"""),
         {"ids": sorted(set(ids))},

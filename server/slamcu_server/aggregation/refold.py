@@ -59,6 +59,9 @@ class Touched:
     candidates: frozenset[int] = frozenset()  # of which only watch features were reported: their finds stay the same
 
 
+NOTHING = Touched(frozenset(), frozenset())
+
+
 async def refold(
     connection: AsyncConnection, touched: Touched, held: frozenset[Cell] | None, policy: Policy
 ) -> Beliefs:
@@ -66,6 +69,8 @@ async def refold(
 
     Raises BeyondLockedCells if a connected group reaches beyond the cells that are held (None: everything is).
     """
+    if touched == NOTHING:
+        return Beliefs((), {}, frozenset())
     features: dict[int, tuple[Subject, Belief]] = {}
     candidates: dict[int, tuple[Subject, Belief]] = {}
     merged: dict[int, int] = {}
@@ -213,7 +218,7 @@ def feature_belief(feature: MappedFeature, summary: Summary, policy_version: str
     kind = (feature.feature_class, feature.sign, feature.value)
     subject = Subject(Kind.DELETED, feature.map_id, feature_id=feature.id, map_object_id=feature.object_id)
     belief = _belief(Kind.DELETED, summary, place, kind, policy_version)
-    return subject, replace(belief, order=(feature.object_id,), begun=summary.turned)
+    return subject, replace(belief, order=(feature.object_id,), begun=summary.turned, heading_deg=feature.heading_deg)
 
 
 def candidate_belief(candidate_id: int, one: CandidateFold, policy_version: str) -> tuple[Subject, Belief]:

@@ -92,6 +92,7 @@ class Belief:
     policy_version: str
     order: tuple[Any, ...] = ()  # canonical among beliefs of one kind
     begun: tuple[datetime | None, datetime | None] = (None, None)  # it came about between these; None: no bound
+    heading_deg: float | None = None  # compass direction that the map says its face looks
     fades_at: datetime | None = None  # when it stands no longer if nobody looks again
 
     @property

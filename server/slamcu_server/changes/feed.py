@@ -26,6 +26,8 @@ async def publish(connection: AsyncConnection, beliefs: Beliefs, policy: Policy)
     Candidates that were merged into others, and features that the map no longer has, say nothing by themselves any
     more: what was open about them is withdrawn. The caller holds the cells of what the beliefs are about.
     """
+    if not (beliefs.about or beliefs.merged or beliefs.unmapped or beliefs.dissolved):
+        return []
     subjects = [subject for subject, _ in beliefs.about]
     known = await _known_changes(
         connection,
