@@ -1,38 +1,141 @@
-"""Passes a second from the message log into the map's state, by one worker in batches as it takes them."""
+"""Evidences a second from acknowledged to fused, beside what the same PostGIS does at best with its parts.
+
+The log is filled at one stroke, which is when its messages are acknowledged, and the clock runs until no message waits.
+The workers are processes of the server that listen already. What they are compared with takes turns with them: a
+batched additive upsert (the least that adding evidence can be) and a spatial match of 1,000 points (the least that
+finding out what evidence is about can be), each by one connection that does nothing else.
+"""
 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
-from slamcu_core.aggregation import Policy
-from slamcu_core.errors import SlamcuError
-from slamcu_eval.bench.rounds import Rates
-from slamcu_eval.bench.server import BenchServer
-from slamcu_eval.bench.traffic import PASSES
-from slamcu_server.aggregation.worker import BATCH_SIZE, fuse_pending
-from slamcu_server.database.engine import create_engine
+import asyncpg
+import numpy as np
+
+from slamcu_eval.bench.cloud import Cloud
+from slamcu_eval.bench.rounds import interleave
+from slamcu_eval.bench.traffic import place
+from slamcu_eval.bench.workers import until_fused, working
+from slamcu_server.database.embedded import EmbeddedCluster
+
+_AT_ONCE = 1_000
+_CEILING_BATCHES = 10
+_REACH_DEG = 5.0 / 110_500.0
+_UPSERT = """
+INSERT INTO ceiling (id, f, a) SELECT * FROM unnest($1::bigint[], $2::float8[], $3::float8[])
+ON CONFLICT (id) DO UPDATE SET f = ceiling.f + EXCLUDED.f, a = ceiling.a + EXCLUDED.a"""
+# bbox first, then the distance: the fastest of three ways to match
+_MATCH = """
+SELECT p.n, v.feature_id FROM unnest($1::int[], $2::float8[], $3::float8[]) AS p (n, lon, lat)
+JOIN feature_versions v ON v.to_sequence IS NULL
+    AND v.geom && ST_MakeEnvelope(p.lon - 1.5 * $4, p.lat - $4, p.lon + 1.5 * $4, p.lat + $4, 4326)
+    AND ST_Distance(v.geom::geography, ST_SetSRID(ST_MakePoint(p.lon, p.lat), 4326)::geography) <= 5.0"""
 
 
-def bench_aggregation(server: BenchServer, batches: int) -> dict[str, Any]:
-    """Fuse batches of what waits in the server's log, and return the rate in passes per second."""
-    rates = Rates(tuple(asyncio.run(_fuse(server, batches))))
-    return {"passes_per_s": rates.figures(), "messages_per_batch": BATCH_SIZE, "passes_per_message": PASSES}
+@dataclass(frozen=True, slots=True)
+class Load:
+    """How much is measured."""
+
+    messages: int  # that wait when a round begins
+    rounds: int
+    seed: int
 
 
-async def _fuse(server: BenchServer, batches: int) -> list[float]:
-    engine = create_engine(server.database_url, application_name="slamcu-bench")
-    rates = []
-    try:
-        for number in range(batches + 1):
-            begin = perf_counter()
-            done = await fuse_pending(engine, Policy(), BATCH_SIZE)
-            elapsed = perf_counter() - begin
-            if done.quarantined or done.fused != BATCH_SIZE:
-                raise SlamcuError(f"a batch of {BATCH_SIZE} was not fused whole: {done}")
-            if number:  # the first one also opens connections and fills caches
-                rates.append(done.fused * PASSES / elapsed)
-    finally:
-        await engine.dispose()
-    return rates
+class AggregationBench:
+    """The ways of working on one database: workers on its log, and the raw parts."""
+
+    def __init__(self, cloud: Cloud, load: Load) -> None:
+        self._cloud, self._messages = cloud, load.messages
+        self._rng = np.random.default_rng(load.seed)
+        self.passes = 0
+
+    def fused_by(self, workers: int) -> Callable[[], float]:
+        """Return the way that fuses one round of messages by some workers, in evidences per second."""
+        return lambda: asyncio.run(self._fuse(workers))
+
+    def upsert(self) -> float:
+        """Add to rows of a table of weights as large as the map, a batch at a time, and return rows per second."""
+        return asyncio.run(self._upsert())
+
+    def match(self) -> float:
+        """Match points against the map, a batch at a time, and return points per second."""
+        return asyncio.run(self._match())
+
+    async def _fuse(self, workers: int) -> float:
+        connection = await self._cloud.connect()
+        try:
+            async with working(self._cloud.url, workers, connection):
+                self.passes = await self._cloud.fill_log(connection, self._messages)
+                begin = perf_counter()
+                await until_fused(connection)
+                return self.passes / (perf_counter() - begin)
+        finally:
+            await connection.close()
+
+    async def _upsert(self) -> float:
+        connection = await self._cloud.connect()
+        try:
+            await connection.execute(
+                "CREATE TABLE IF NOT EXISTS ceiling (id bigint PRIMARY KEY, f float8, a float8) WITH (fillfactor = 70)"
+            )
+            features = min(self._cloud.features, 1_000_000)
+            batches = [
+                np.sort(self._rng.choice(features, min(_AT_ONCE, features), replace=False)).tolist()
+                for _ in range(_CEILING_BATCHES)
+            ]
+            return await _rate(connection, _UPSERT, [(ids, [1.0] * len(ids), [0.1] * len(ids)) for ids in batches])
+        finally:
+            await connection.close()
+
+    async def _match(self) -> float:
+        connection = await self._cloud.connect()
+        try:
+            batches: list[Sequence[Any]] = []
+            for _ in range(_CEILING_BATCHES):
+                places = [place(int(number)) for number in self._rng.integers(self._cloud.features, size=_AT_ONCE)]
+                lon, lat = (list(column) for column in zip(*places, strict=True))
+                batches.append((list(range(_AT_ONCE)), lon, lat, _REACH_DEG))
+            return await _rate(connection, _MATCH, batches)
+        finally:
+            await connection.close()
+
+
+def bench_aggregation(cluster: EmbeddedCluster, features: int, stored_per_feature: int, load: Load) -> dict[str, Any]:
+    """Return the rates of one and of two workers and of both ceilings, in turn, and what share the workers reach."""
+    cloud = asyncio.run(
+        Cloud.make(cluster, "bench_aggregation", features, seed=load.seed, stored_per_feature=stored_per_feature)
+    )
+    bench = AggregationBench(cloud, load)
+    rates = interleave(
+        {
+            "one_worker": bench.fused_by(1),
+            "two_workers": bench.fused_by(2),
+            "upsert": bench.upsert,
+            "match": bench.match,
+        },
+        load.rounds,
+    )
+    slower = min(rates["upsert"].median, rates["match"].median)
+    return {
+        "per_s": {name: rate.figures() for name, rate in rates.items()},
+        "two_workers_over_slower_ceiling": rates["two_workers"].median / slower,
+        "map_features": features,
+        "stored_contributions": features * stored_per_feature,
+        "messages_per_round": load.messages,
+        "passes_per_message": bench.passes / load.messages,
+    }
+
+
+async def _rate(connection: asyncpg.Connection[Any], statement: str, batches: Sequence[Sequence[Any]]) -> float:
+    """Run a statement for each batch, each its own transaction, and return rows per second."""
+    prepared = await connection.prepare(statement)
+    await prepared.fetch(*batches[0])
+    begin = perf_counter()
+    for batch in batches:
+        await prepared.fetch(*batch)
+    return sum(len(batch[0]) for batch in batches) / (perf_counter() - begin)

@@ -18,7 +18,7 @@ from slamcu_core.errors import SlamcuError
 from slamcu_core.sensoris import join_batch, serialize_message
 from slamcu_eval.bench.rounds import Rates, interleave
 from slamcu_eval.bench.server import BenchServer
-from slamcu_eval.bench.traffic import PASSES, reports
+from slamcu_eval.bench.traffic import Traffic
 
 T = TypeVar("T")
 
@@ -47,7 +47,8 @@ class IngestBench:
         self._server, self._requests = server, requests
         self._rng = np.random.default_rng(seed)
         self._drives = count()
-        self.message_bytes = 0
+        self._traffic = Traffic(server.features, {})
+        self.message_bytes = self.passes_per_message = 0.0
 
     def through_http(self) -> float:
         """Post one round of batches and return messages per second."""
@@ -64,9 +65,10 @@ class IngestBench:
         for number in range(self._requests):
             vehicle = number % len(self._server.keys)
             session = drive * self._requests + number
-            messages = tuple(serialize_message(one) for one in reports(vehicle, session, BATCH, self._rng))
-            batches.append(_Batch(vehicle, f"drive-{session}", messages))
-        self.message_bytes = round(sum(map(len, batches[0].messages)) / BATCH)
+            reports = list(self._traffic.messages(vehicle, session, BATCH, self._rng))
+            self.passes_per_message = sum(len(one.passes) for one in reports) / BATCH
+            batches.append(_Batch(vehicle, f"drive-{session}", tuple(map(serialize_message, reports))))
+        self.message_bytes = sum(map(len, batches[-1].messages)) / BATCH
         return batches
 
     async def _post(self, batches: list[_Batch]) -> float:
@@ -119,8 +121,8 @@ def bench_ingest(server: BenchServer, rounds: int, requests: int, seed: int) -> 
     return {
         "messages_per_s": {name: rate.figures() for name, rate in rates.items()},
         "http_over_insert": rates["http"].median / rates["insert"].median,
-        "passes_per_message": PASSES,
-        "message_bytes": bench.message_bytes,
+        "passes_per_message": bench.passes_per_message,
+        "message_bytes": round(bench.message_bytes),
         "messages_per_request": BATCH,
         "connections": CONNECTIONS,
     }

@@ -1,4 +1,4 @@
-"""A real server for the bench: its own cluster, the bench's map, a process that serves and nothing that aggregates."""
+"""A private cluster for the bench, and a real server on one of its databases that serves and does not aggregate."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ from pathlib import Path
 
 from slamcu_core.errors import SlamcuError
 from slamcu_core.formats import write_hd_map
+from slamcu_eval.bench.cloud import migrated
 from slamcu_eval.bench.traffic import MAP, road
-from slamcu_server.database import migrate
 from slamcu_server.database.embedded import EmbeddedCluster
-from slamcu_server.database.engine import create_engine
 
 _START_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 20.0
@@ -27,41 +26,48 @@ _COMMAND = (sys.executable, "-m", "slamcu_server.cli")
 
 @dataclass(frozen=True, slots=True)
 class BenchServer:
-    """Where the server and its database are, and the keys of its vehicles."""
+    """Where the server and its database are, the keys of its vehicles and of a provider, and the size of its map."""
 
     url: str
     database_url: str  # SQLAlchemy's
     keys: tuple[str, ...]
+    provider: str
+    features: int
 
 
 @contextmanager
-def bench_server(vehicles: int) -> Iterator[BenchServer]:
-    """Run a server without a worker on an empty private cluster, and leave nothing behind.
-
-    Raises SlamcuError if the server does not come up.
-    """
+def bench_cluster() -> Iterator[EmbeddedCluster]:
+    """Run an empty private cluster, and leave nothing behind."""
     with tempfile.TemporaryDirectory(prefix="slamcu-bench-", ignore_cleanup_errors=True) as name:
         home = Path(name)
         home.chmod(0o711)  # PostgreSQL does not run as root, and must be able to get to its directory
         with EmbeddedCluster(home / "data") as cluster:
-            asyncio.run(_migrate(cluster.url))
-            environment = {name: value for name, value in os.environ.items() if not name.startswith("SLAMCU_")}
-            environment |= {"SLAMCU_DATABASE_URL": cluster.url, "SLAMCU_LOG_LEVEL": "warning"}
+            yield cluster
+
+
+@contextmanager
+def bench_server(database_url: str, vehicles: int, features: int = 0) -> Iterator[BenchServer]:
+    """Run a server without a worker on a database, with a new map of some features (none: it has one already).
+
+    Raises SlamcuError if the server does not come up.
+    """
+    asyncio.run(migrated(database_url))
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("SLAMCU_")}
+    environment |= {"SLAMCU_DATABASE_URL": database_url, "SLAMCU_LOG_LEVEL": "warning"}
+    with tempfile.TemporaryDirectory(prefix="slamcu-bench-") as name:
+        home = Path(name)
+        if features:
             map_file = home / "map.geojson"
-            map_file.write_text("".join(write_hd_map(MAP, road())), encoding="utf-8")
+            map_file.write_text("".join(write_hd_map(MAP, road(features))), encoding="utf-8")
             _run(environment, "import-map", str(map_file))
-            listed = _run(environment, "create-key", "--role", "vehicle", "--label", "bench", "--count", str(vehicles))
-            keys = tuple(line.rsplit("\t", 1)[-1] for line in listed.split("\n") if line)
-            with _serving(environment, home) as url:
-                yield BenchServer(url, cluster.url, keys)
+        keys = [_keys(environment, "vehicle", vehicles), _keys(environment, "provider", 1)]
+        with _serving(environment, home) as url:
+            yield BenchServer(url, database_url, keys[0], keys[1][0], features)
 
 
-async def _migrate(url: str) -> None:
-    engine = create_engine(url)
-    try:
-        await migrate.upgrade(engine)
-    finally:
-        await engine.dispose()
+def _keys(environment: dict[str, str], role: str, count: int) -> tuple[str, ...]:
+    listed = _run(environment, "create-key", "--role", role, "--label", f"bench {role}", "--count", str(count))
+    return tuple(line.rsplit("\t", 1)[-1] for line in listed.split("\n") if line)
 
 
 def _run(environment: dict[str, str], *arguments: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 from enum import StrEnum
 from pathlib import Path
@@ -10,15 +11,19 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from slamcu_eval.bench.aggregation import bench_aggregation
+from slamcu_eval.bench.aggregation import Load, bench_aggregation
+from slamcu_eval.bench.cloud import Cloud
+from slamcu_eval.bench.cloud_curves import cloud_map_curve, cloud_stored_curve
 from slamcu_eval.bench.curves import drive_curve, map_curve, memory_curve
 from slamcu_eval.bench.filter_step import bench_filter
 from slamcu_eval.bench.ingest import bench_ingest
 from slamcu_eval.bench.kernel import bench_kernel
+from slamcu_eval.bench.latency import bench_latency
 from slamcu_eval.bench.scene_step import bench_scene
-from slamcu_eval.bench.server import bench_server
+from slamcu_eval.bench.server import bench_cluster, bench_server
 from slamcu_eval.console import console, error_console, write_json
 from slamcu_eval.machine import machine
+from slamcu_server.database.embedded import EmbeddedCluster
 
 _VEHICLES = 8
 
@@ -29,6 +34,7 @@ class Part(StrEnum):
     FILTER = "filter"
     CURVES = "curves"
     SERVER = "server"
+    CLOUD_CURVES = "cloud-curves"
 
 
 class Scale(StrEnum):
@@ -38,6 +44,22 @@ class Scale(StrEnum):
     FULL = "full"
 
 
+_CLOUD: dict[Scale, dict[str, Any]] = {
+    Scale.SMALL: {
+        "aggregation": (20_000, 10),
+        "seconds": 20.0,
+        "sizes": (10_000, 100_000),
+        "stored_on": 20_000,
+        "stored": (20_000, 200_000),
+    },
+    Scale.FULL: {
+        "aggregation": (100_000, 10),
+        "seconds": 60.0,
+        "sizes": (10_000, 100_000, 1_000_000),
+        "stored_on": 100_000,
+        "stored": (100_000, 1_000_000, 10_000_000),
+    },
+}
 _CURVES: dict[Scale, dict[str, Any]] = {
     Scale.SMALL: {"sizes": (1_000, 10_000, 100_000), "lengths_km": (1, 10, 50), "hours": 0.5},
     Scale.FULL: {"sizes": (1_000, 10_000, 100_000, 1_000_000), "lengths_km": (1, 10, 100, 1_000), "hours": 24.0},
@@ -55,7 +77,7 @@ def register(app: typer.Typer) -> None:
         rounds: Annotated[int, typer.Option(min=1, help="Rounds of what takes turns.")] = 5,
         scale: Annotated[Scale, typer.Option(help="How far the curves go; full takes minutes.")] = Scale.SMALL,
         requests: Annotated[int, typer.Option(min=4, max=100, help="Requests per round.")] = 40,
-        batches: Annotated[int, typer.Option(min=1, max=50, help="Batches of the aggregation.")] = 15,
+        messages: Annotated[int, typer.Option(min=20, help="Messages that wait per round of the aggregation.")] = 1_000,
         seed: Annotated[int, typer.Option(min=0, help="Seed of what is simulated.")] = 0,
         json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
     ) -> None:
@@ -83,16 +105,57 @@ def register(app: typer.Typer) -> None:
             figures["memory"] = memory_curve(reach["hours"])
             for table in _curve_tables(figures):
                 console.print(table)
-        if only in {None, Part.SERVER}:
-            error_console.print("server: starting a private one")
-            with bench_server(_VEHICLES) as server:
-                error_console.print(f"ingest: {rounds} rounds of each way, in turn")
-                figures["ingest"] = bench_ingest(server, rounds, requests, seed)
-                error_console.print(f"aggregation: {batches} batches")
-                figures["aggregation"] = bench_aggregation(server, batches)
-            console.print(_server_table(figures["ingest"], figures["aggregation"]))
+        if only in {None, Part.SERVER, Part.CLOUD_CURVES}:
+            error_console.print("server: starting a private cluster")
+            with bench_cluster() as cluster:
+                if only is not Part.CLOUD_CURVES:
+                    figures |= _server(cluster, _CLOUD[scale], requests, Load(messages, rounds, seed))
+                if only is not Part.SERVER:
+                    figures |= _cloud_curves(cluster, _CLOUD[scale], Load(messages, rounds, seed))
         if json_file is not None:
             write_json(json_file, figures)
+
+
+def _server(cluster: EmbeddedCluster, reach: dict[str, Any], requests: int, load: Load) -> dict[str, Any]:
+    figures: dict[str, Any] = {}
+    error_console.print(f"ingest: {load.rounds} rounds of each way, in turn")
+    with bench_server(cluster.url, _VEHICLES, features=2_000) as server:
+        figures["ingest"] = bench_ingest(server, load.rounds, requests, load.seed)
+    error_console.print(f"aggregation: {load.rounds} rounds of each way, in turn")
+    features, stored = reach["aggregation"]
+    figures["aggregation"] = bench_aggregation(cluster, features, stored, load)
+    console.print(_server_table(figures["ingest"], figures["aggregation"]))
+    rate = figures["aggregation"]["per_s"]["two_workers"]["median"] / 2
+    error_console.print(f"latency: {reach['seconds']:g} s at {rate:,.0f} evidences a second")
+    cloud = asyncio.run(Cloud.make(cluster, "bench_latency", features, seed=load.seed, stored_per_feature=stored))
+    with bench_server(cloud.url, 1) as server:
+        figures["latency"] = bench_latency(cloud, server.url, (server.keys[0], server.provider), rate, reach["seconds"])
+    console.print(_latency_table(figures["latency"]))
+    return figures
+
+
+def _cloud_curves(cluster: EmbeddedCluster, reach: dict[str, Any], load: Load) -> dict[str, Any]:
+    error_console.print("cloud: maps of different sizes")
+    size = cloud_map_curve(cluster, reach["sizes"], load)
+    error_console.print("cloud: more and more that is stored")
+    stored = cloud_stored_curve(cluster, reach["stored_on"], reach["stored"], load)
+    for title, name, curve in (
+        ("Cost of an evidence against the size of the map", "map features", size),
+        (f"The same against what is stored about {stored['map_features']:,} map features", "contributions", stored),
+    ):
+        table = _table(title, (name, "cost"))
+        for label, cost in curve["microseconds"].items():
+            table.add_row(f"{int(label):,}", f"{cost:,.0f} µs")
+        console.print(table)
+    return {"cloud_map_size": size, "cloud_stored": stored}
+
+
+def _latency_table(latency: dict[str, Any]) -> Table:
+    title = f"From acknowledged to visible in the feed, at {latency['evidences_per_s']:,.0f} evidences a second"
+    table = _table(title, ("median", "95th percentile", "most", "probes"))
+    waits = latency["seconds"]
+    table.add_row(*(f"{waits[name]:.2f} s" for name in ("median", "p95", "max")), str(latency["probes"]))
+    return table
 
 
 def _machine() -> dict[str, Any]:
@@ -150,17 +213,26 @@ def _filter_table(figures: dict[str, dict[str, float]]) -> Table:
 
 
 def _server_table(ingest: dict[str, Any], aggregation: dict[str, Any]) -> Table:
-    table = Table(title=f"Server: messages of {ingest['passes_per_message']} passes, {ingest['message_bytes']} bytes")
+    table = Table(
+        title=f"Server: messages of {ingest['passes_per_message']:.1f} passes, {ingest['message_bytes']} bytes; "
+        f"{aggregation['map_features']:,} map features, {aggregation['stored_contributions']:,} stored contributions"
+    )
     table.add_column("what")
     for column in ("median", "least", "most"):
         table.add_column(column, justify="right")
     http, insert = ingest["messages_per_s"]["http"], ingest["messages_per_s"]["insert"]
+    rates = aggregation["per_s"]
     rows = [
         ("ingest over HTTP, messages/s", http),
         ("bare insert of the same, messages/s", insert),
-        ("aggregation by one worker, passes/s", aggregation["passes_per_s"]),
+        ("acknowledged to fused by one worker, evidences/s", rates["one_worker"]),
+        ("acknowledged to fused by two workers, evidences/s", rates["two_workers"]),
+        ("ceiling: batched additive upsert, rows/s", rates["upsert"]),
+        ("ceiling: spatial match of 1,000 points, points/s", rates["match"]),
     ]
     for name, row in rows:
         table.add_row(name, *(f"{row[figure]:,.0f}" for figure in ("median", "min", "max")))
     table.add_row("ingest over bare insert", f"{ingest['http_over_insert']:.2f}", "", "")
+    share = aggregation["two_workers_over_slower_ceiling"]
+    table.add_row("two workers over the slower ceiling", f"{share:.2f}", "", "")
     return table

@@ -26,7 +26,7 @@ from slamcu_server.trust.job import Recomputed, recompute
 
 logger = logging.getLogger(__name__)
 
-BATCH_SIZE = 64
+BATCH_SIZE = 256
 POLL_S = 1.0  # between looks at the log when nobody calls: a notification may be lost with its connection
 _HOUSEKEEPING_S = 600.0
 _AT_ONCE = 1000
