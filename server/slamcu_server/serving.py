@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import logging
 import signal
 import socket
@@ -54,6 +55,13 @@ def configure_logging(level: str) -> None:
         logging.getLogger(chatty).setLevel(logging.WARNING)
 
 
+def _collect_less() -> None:
+    """Let the garbage collector look less often, and never at what was made before: reports hold no cycles."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(100_000, 20, 20)
+
+
 async def serve(settings: Settings, *, ready: Callable[[str], None]) -> None:
     """Serve the API until SIGTERM or SIGINT, calling `ready` with its URL; raises SlamcuError if it cannot start."""
     async with contextlib.AsyncExitStack() as stack:
@@ -63,6 +71,7 @@ async def serve(settings: Settings, *, ready: Callable[[str], None]) -> None:
         server = _server(create_app(settings, engine=engine), settings)
         serving = asyncio.create_task(server.serve(sockets=[listener]))
         if await _first(serving, server.listening.wait()):
+            _collect_less()
             ready(_url(settings.host, listener))
             await _first(serving, stop.wait())
             server.should_exit = True
@@ -83,6 +92,7 @@ async def work(settings: Settings, *, ready: Callable[[], None]) -> None:
         if listener is not None:
             app = create_worker_app(engine, supervisor, instruments)
             await stack.enter_async_context(_beside(_server(app, settings), listener))
+        _collect_less()
         supervisor.start()
         ready()
         await stop.wait()

@@ -104,9 +104,9 @@ async def candidates_beside(
         SELECT c.id, c.map_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat
         FROM candidates c JOIN passes p ON p.id = c.founding_pass
         WHERE c.merged_into IS NULL AND c.feature_id IS NULL AND (c.id = ANY(CAST(:ids AS bigint[])) OR c.id IN (
-            SELECT near.id FROM {unnest(_PLACE_TYPES)} JOIN candidates near
-            ON near.map_id = r.map_id AND near.geom && {reads.box("r")}
-            AND near.merged_into IS NULL AND near.feature_id IS NULL))"""),  # noqa: S608  (constants)
+            SELECT near.id FROM {unnest(_PLACE_TYPES)} CROSS JOIN LATERAL (
+                SELECT id FROM candidates WHERE geom && {reads.box("r")} AND map_id = r.map_id
+                AND merged_into IS NULL AND feature_id IS NULL {reads.PROBE}) near))"""),  # noqa: S608  (constants)
         {**arrays(_PLACE_TYPES, rows), "reach": reads.degrees(reach_m), "ids": sorted(set(ids))},
     )
     return {row.id: (row.map_id, row.lon, row.lat) for row in result}
@@ -122,7 +122,9 @@ async def features_beside(connection: AsyncConnection, places: Iterable[Place], 
     result = await connection.execute(
         text(f"""
         SELECT DISTINCT v.feature_id FROM {unnest(_PLACE_TYPES)}
-        JOIN feature_versions v ON v.map_id = r.map_id AND v.to_sequence IS NULL AND v.geom && {reads.box("r")}
+        CROSS JOIN LATERAL (
+            SELECT feature_id FROM feature_versions WHERE geom && {reads.box("r")} AND map_id = r.map_id
+            AND to_sequence IS NULL {reads.PROBE}) v
         JOIN feature_states s ON s.feature_id = v.feature_id
             AND (s.fades_at IS NOT NULL OR s.weight_against > s.weight_for)"""),  # noqa: S608  (constants)
         {**arrays(_PLACE_TYPES, rows), "reach": reads.degrees(reach_m)},

@@ -80,11 +80,11 @@ async def _append(
     rules = policy.for_class(features[0].feature_class)
     state = done.state
     loud = done.unseen | may_speak(state.weight_for, state.weight_against, state.standing, rules)
-    quiet = np.flatnonzero(~loud).tolist()
-    rows = {features[number].id: _row(done, number, policy.version) for number in quiet}
-    await writes.upsert_feature_states(connection, rows)
-    expired = {features[number].id: _moment(done.expired_before[number]) for number in quiet}
-    await writes.delete_passes_before(connection, {key: time for key, time in expired.items() if time is not None})
+    quiet = np.flatnonzero(~loud)
+    ids = [features[number].id for number in quiet.tolist()]
+    await writes.upsert_feature_columns(connection, _columns(ids, done, quiet, policy.version))
+    ends = zip(ids, _moments(done.expired_before[quiet]), strict=True)
+    await writes.delete_passes_before(connection, {key: end for key, end in ends if end is not None})
     return frozenset(features[number].id for number in np.flatnonzero(loud).tolist())
 
 
@@ -142,28 +142,33 @@ def _last(feature: NDArray[np.intp], ended_at: Times, chosen: Flags, features: i
     return latest
 
 
-def _row(done: _Fold, number: int, policy_version: str) -> writes.Row:
+def _columns(ids: list[int], done: _Fold, chosen: NDArray[np.intp], policy_version: str) -> dict[str, list[object]]:
+    """Return the columns of the table of some of the features."""
     state = done.state
-    informative = float(state.last_informative[number])
+    informative = np.where(np.isnan(state.last_informative), _NEVER, np.rint(state.last_informative * 1e6))
+    numbers = {
+        "weight_for": state.weight_for,
+        "weight_against": state.weight_against,
+        "standing": state.standing,
+        "contributors_for": state.contributors_for,
+        "contributors_against": state.contributors_against,
+        "passes": done.passes,
+        "looked": done.looked,
+        "blocked": done.blocked,
+        "forgotten_looked": done.forgotten_looked,
+        "forgotten_blocked": done.forgotten_blocked,
+    }
     return {
-        "weight_for": float(state.weight_for[number]),
-        "weight_against": float(state.weight_against[number]),
-        "standing": bool(state.standing[number]),
-        "contributors_for": int(state.contributors_for[number]),
-        "contributors_against": int(state.contributors_against[number]),
-        "passes": int(done.passes[number]),
-        "last_looked": _moment(done.last_looked[number]),
-        "last_seen": _moment(done.last_seen[number]),
-        "fades_at": None,
-        "last_informative": None if np.isnan(informative) else datetime.fromtimestamp(informative, UTC),
-        "policy_version": policy_version,
-        "looked": int(done.looked[number]),
-        "blocked": int(done.blocked[number]),
-        "forgotten_looked": int(done.forgotten_looked[number]),
-        "forgotten_blocked": int(done.forgotten_blocked[number]),
-        "passes_window": done.windows[number],
+        "feature_id": [*ids],
+        **{name: column[chosen].tolist() for name, column in numbers.items()},
+        "last_looked": [*_moments(done.last_looked[chosen])],
+        "last_seen": [*_moments(done.last_seen[chosen])],
+        "last_informative": [*_moments(informative[chosen].astype(np.int64))],
+        "fades_at": [None] * len(ids),
+        "policy_version": [policy_version] * len(ids),
+        "passes_window": [done.windows[number] for number in chosen.tolist()],
     }
 
 
-def _moment(microseconds: np.int64) -> datetime | None:
-    return None if microseconds == _NEVER else _START + timedelta(microseconds=int(microseconds))
+def _moments(microseconds: Times) -> list[datetime | None]:
+    return [None if each == _NEVER else _START + timedelta(microseconds=each) for each in microseconds.tolist()]

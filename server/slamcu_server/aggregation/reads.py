@@ -215,7 +215,9 @@ async def features_near(
         SELECT r.place, v.feature_id AS id, first.since, v.feature_class, v.sign, v.value, v.position_std_m,
                ST_X(v.geom) AS lon, ST_Y(v.geom) AS lat
         FROM {unnest(types)}
-        JOIN feature_versions v ON v.map_id = r.map_id AND v.to_sequence IS NULL AND v.geom && {box("r")}
+        CROSS JOIN LATERAL (
+            SELECT * FROM feature_versions WHERE geom && {box("r")} AND map_id = r.map_id AND to_sequence IS NULL
+            {PROBE}) v
         CROSS JOIN LATERAL (
             SELECT COALESCE(max(evidence_sequence), min(from_sequence)) AS since
             FROM feature_versions WHERE feature_id = v.feature_id) first
@@ -240,11 +242,11 @@ async def passes_near(
     A superset: steps are taken by boxes. What no pass connects is left out.
     """
     types = {"map_id": "bigint", "lon": "float8", "lat": "float8"}
-    # The planner would rather scan all passes than probe the index once for every box.
     query = text(f"""{_SELECT} JOIN (
-            SELECT DISTINCT near.id FROM {unnest(types)} JOIN passes near
-            ON near.map_id = r.map_id AND near.geom && {box("r")}
-            AND near.feature_id IS NULL AND near.watch_id IS NULL AND NOT near.archived AND near.retraction_id IS NULL
+            SELECT DISTINCT near.id FROM {unnest(types)} CROSS JOIN LATERAL (
+                SELECT id FROM passes WHERE geom && {box("r")} AND map_id = r.map_id
+                AND feature_id IS NULL AND watch_id IS NULL AND NOT archived AND retraction_id IS NULL
+                {PROBE}) near
         ) close ON close.id = p.id
         WHERE NOT p.id = ANY(CAST(:seen AS bigint[]))""")  # noqa: S608  (constants)
     found: dict[int, StoredPass] = {}
@@ -361,6 +363,11 @@ def stored_pass(row: Row[tuple[object, ...]]) -> StoredPass:
         lat=row.lat,
         covariance_m2=None if row.cov_xx is None else (row.cov_xx, row.cov_xy, row.cov_yy),
     )
+
+
+PROBE = "OFFSET 0"
+"""Ends a lateral subquery that is to be asked for every box: the planner, whose statistics are always of yesterday,
+would rather compare every box with everything there is."""
 
 
 def both_sides(places: Iterable[tuple[int, float, float]]) -> list[tuple[int, float, float]]:

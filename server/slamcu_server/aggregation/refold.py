@@ -208,7 +208,8 @@ def _all(folds: Iterable[CandidateFold], alone: Iterable[StoredPass]) -> Iterabl
 
 def cells_of(places: Iterable[tuple[int, float, float]], policy: Policy) -> frozenset[Cell]:
     """Return the cells that whoever changes anything at these places must hold."""
-    return frozenset[Cell]().union(*(cells_within(*place, policy.lock_reach_m) for place in places))
+    reach_m = policy.lock_reach_m
+    return frozenset[Cell]().union(*(cells_within(*place, reach_m) for place in places))
 
 
 def feature_belief(feature: MappedFeature, summary: Summary, policy_version: str) -> tuple[Subject, Belief]:

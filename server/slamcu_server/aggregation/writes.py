@@ -163,6 +163,12 @@ async def copy_passes(connection: AsyncConnection, messages: Iterable[ResolvedMe
 
 async def upsert_feature_states(connection: AsyncConnection, rows: Mapping[int, Row]) -> None:
     """Write what is believed about map features, given by their ids."""
+    ordered = [{"feature_id": key, **rows[key]} for key in sorted(rows)]
+    await upsert_feature_columns(connection, arrays({**_FEATURE_TYPES, **_FORGOTTEN_TYPES}, ordered))
+
+
+async def upsert_feature_columns(connection: AsyncConnection, values: Mapping[str, Sequence[object]]) -> None:
+    """Write what is believed about map features, given by columns in the order of their ids."""
     types = {**_FEATURE_TYPES, **_FORGOTTEN_TYPES}
     columns = ", ".join(types)
     updates = ", ".join(
@@ -173,7 +179,7 @@ async def upsert_feature_states(connection: AsyncConnection, rows: Mapping[int, 
         text(f"""
         INSERT INTO feature_states ({columns}, window_at) SELECT {columns}, now() FROM {unnest(types)}
         ON CONFLICT (feature_id) DO UPDATE SET {updates}, updated_at = now(), window_at = now()"""),  # noqa: S608  (constants)
-        arrays(types, [{"feature_id": key, **rows[key]} for key in sorted(rows)]),
+        {name: values[name] for name in types},
     )
 
 

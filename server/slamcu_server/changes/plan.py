@@ -13,7 +13,7 @@ from typing import Any
 
 from slamcu_core.aggregation import Policy
 from slamcu_server.changes.belief import OPEN, Because, Beliefs, State
-from slamcu_server.changes.transitions import Claim, Published, decide
+from slamcu_server.changes.transitions import Claim, Published, Voice, decide
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +30,11 @@ def plan(claims: Sequence[Claim], beliefs: Beliefs, known: Sequence[Published], 
     """Return what is to be said, given what is claimed (what speaks first) and the changes there are about it."""
     said: list[Said] = []
     taken: set[int] = set()
+    about = _by_end(known)
     for claim in claims:
-        mine = [
-            row for row in known if row.id not in taken and row.is_about(claim.feature, claim.candidate, claim.beside)
-        ]
+        voices = [voice for voice in (claim.feature, claim.candidate, claim.beside) if voice is not None]
+        near = {row.id: row for voice in voices for end in _ends(voice) for row in about.get(end, ())}
+        mine = [near[key] for key in sorted(near) if key not in taken and near[key].is_about(*voices)]
         chosen, joined = _choose(mine)
         if chosen is not None and chosen.state in OPEN:
             taken |= {chosen.id, *(row.id for row in joined)}
@@ -45,6 +46,19 @@ def plan(claims: Sequence[Claim], beliefs: Beliefs, known: Sequence[Published], 
             because = {"withdrawn_because": Because.JOINED.value, "joined_into": chosen.id}
             said += [Said(State.WITHDRAWN, row, None, because) for row in joined]
     return said + _moot([row for row in known if row.id not in taken and row.state in OPEN], beliefs)
+
+
+def _by_end(known: Sequence[Published]) -> dict[tuple[int | None, int | None], list[Published]]:
+    """Return changes by each of the things that they are about."""
+    about: dict[tuple[int | None, int | None], list[Published]] = {}
+    for row in known:
+        for end in {(row.feature_id, None), (None, row.candidate_id)} - {(None, None)}:
+            about.setdefault(end, []).append(row)
+    return about
+
+
+def _ends(voice: Voice) -> list[tuple[int | None, int | None]]:
+    return [(voice.subject.feature_id, None), (None, voice.subject.candidate_id)]
 
 
 def _choose(mine: Sequence[Published]) -> tuple[Published | None, list[Published]]:
