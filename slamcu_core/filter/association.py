@@ -27,18 +27,18 @@ class Marginal:
     covariance: Array
 
 
-def marginalise(deviation: Array, weights: Array, reference: Array, extra: Array, scratch: Array) -> Marginal:
-    """Average predicted measurements over the particles.
+def marginalise(predicted: Array, weights: Array, extra: Array, scratch: Array) -> Marginal:
+    """Average predicted measurements (2, F, M) over the particles.
 
-    They are given as deviations (2, F, M) from reference measurements (2, F); `extra` (3, F) is added to their
-    covariance, in place; `scratch` (2, F, M) is memory to work in.
+    `extra` (3, F) is added to their covariance, in place; `scratch` (2, F, M) is memory to work in.
     """
-    offset = deviation @ weights
-    weighted = np.multiply(deviation, weights, out=scratch)
-    extra[0] += np.vecdot(weighted[0], deviation[0]) - offset[0] * offset[0]
-    extra[1] += np.vecdot(weighted[0], deviation[1]) - offset[0] * offset[1]
-    extra[2] += np.vecdot(weighted[1], deviation[1]) - offset[1] * offset[1]
-    return Marginal(reference + offset, extra)
+    mean = predicted @ weights
+    weighted = np.multiply(predicted, weights, out=scratch)
+    # about 0: of a range of 100 m and a spread of 1 mm that leaves six digits, and R is added yet
+    extra[0] += np.vecdot(weighted[0], predicted[0]) - mean[0] * mean[0]
+    extra[1] += np.vecdot(weighted[0], predicted[1]) - mean[0] * mean[1]
+    extra[2] += np.vecdot(weighted[1], predicted[1]) - mean[1] * mean[1]
+    return Marginal(mean, extra)
 
 
 def associate(

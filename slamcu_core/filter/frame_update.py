@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.drive import Occluder
 from slamcu_core.filter import ekf, existence, proposal, weighting
 from slamcu_core.filter.association import associate
 from slamcu_core.filter.calibration import SensorCalibration
+from slamcu_core.filter.detections import Seen
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
-from slamcu_core.filter.scratch import Scratch
 from slamcu_core.filter.table import FeatureTable
-from slamcu_core.filter.view import Seen, View, look
+from slamcu_core.filter.view import View
 from slamcu_core.models import Jacobian, SensorModel, Sight
 
 Array = NDArray[np.float64]
@@ -56,32 +55,18 @@ class FrameUpdate:
     particles: Particles
     calibration: SensorCalibration
     parameters: FilterParameters
-    scratch: Scratch = field(default_factory=Scratch)
-
-    def look(self, rows: Index, weights: Array, mean_pose: Array, occluders: tuple[Occluder, ...]) -> View:
-        """Predict what the sensor should see of the given rows, which have the car's own finds last."""
-        return look(
-            self.model,
-            self.table,
-            self.particles,
-            self.calibration,
-            rows,
-            weights=weights,
-            mean_pose=mean_pose,
-            occluders=occluders,
-            scratch=self.scratch,
-        )
 
     def pre_associate(self, view: View, seen: Seen) -> tuple[Index, Array]:
         """Assign detections to features by likelihood, one to one (section 4.3.1); return columns (D,) or -1, and NIS.
 
         A detection read as another sign or value than the map's is not a confirmation of it, however near it is.
         """
-        shows = np.maximum(view.shown, 0.05)
-        log_prior = np.log(np.maximum(existence.probability(self.table, view.rows) * shows, 1e-3))
-        fits = seen.feature_class[:, None] == self.table.feature_class[view.rows]
+        rows = view.rows[: view.close]
+        shows = np.maximum(view.shown[: view.close], 0.05)
+        log_prior = np.log(np.maximum(existence.probability(self.table, rows) * shows, 1e-3))
+        fits = seen.feature_class[:, None] == self.table.feature_class[rows]
         if seen.named:
-            for read, known in ((seen.sign, self.table.sign[view.rows]), (seen.value, self.table.value[view.rows])):
+            for read, known in ((seen.sign, self.table.sign[rows]), (seen.value, self.table.value[rows])):
                 fits &= (read[:, None] == known) | (read[:, None] == 0) | (known == 0)
         log_prior = np.where(fits, log_prior, -np.inf)
         return associate(self.model, (seen.measurement, seen.noise), view.marginal, log_prior, self.parameters.gate)

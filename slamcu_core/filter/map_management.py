@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.filter import existence
+from slamcu_core.filter.detections import Seen
 from slamcu_core.filter.ekf import birth_covariance
 from slamcu_core.filter.neighbourhood import Neighbourhood
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.table import FeatureTable, Kind, Sum
-from slamcu_core.filter.view import Seen, View
+from slamcu_core.filter.view import View
 from slamcu_core.geometry import rotation
 from slamcu_core.models import SensorModel
 

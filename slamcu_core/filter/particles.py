@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,14 @@ from slamcu_core.geometry import wrap_angle
 from slamcu_core.models import MotionNoise
 
 Array = NDArray[np.float64]
+
+
+class Cloud(NamedTuple):
+    """The poses of the particles: weights (M,), mean (3,), and what each differs from it (3, M)."""
+
+    weights: Array
+    mean: Array
+    delta: Array
 
 
 @dataclass(slots=True)
@@ -110,12 +119,14 @@ class Particles:
             covariance += self.pending_covariance(weights)[:2, :2]
         return covariance.ravel()[[0, 1, 3]]
 
-    def mean_pose(self, weights: Array) -> Array:
-        """Return the weighted mean (3,) of the poses, headings averaged as angles."""
-        reference, _, offset = self._about_the_best(weights, 3)
+    def cloud(self) -> Cloud:
+        """Return the poses as a cloud about their weighted mean, headings averaged as angles."""
+        weights = self.weights
+        reference, delta, offset = self._about_the_best(weights, 3)
+        delta -= offset[:, None]
         mean = reference + offset
         mean[2] = wrap_angle(float(mean[2]))
-        return np.asarray(mean)
+        return Cloud(weights, mean, delta)
 
     def _about_the_best(self, weights: Array, rows: int = 6) -> tuple[Array, Array, Array]:
         """Return the best particle's state up to `rows`, what all (rows, M) differ from it, and the mean of that."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.filter.view import Seen
+from slamcu_core.filter.detections import Seen
 
 Array = NDArray[np.float64]
 

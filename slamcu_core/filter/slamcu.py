@@ -6,7 +6,7 @@ One step follows the paper's Figure 5: predict (eq. 12), pre-associate (4.3.1), 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from slamcu_core.errors import SlamcuError
 from slamcu_core.filter import existence
 from slamcu_core.filter.beliefs import Beliefs
 from slamcu_core.filter.calibration import GnssBias, SensorCalibration
+from slamcu_core.filter.detections import Seen, read_detections
 from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
 from slamcu_core.filter.frame_update import FrameUpdate
 from slamcu_core.filter.health import HealthMonitor
@@ -29,8 +30,8 @@ from slamcu_core.filter.relocation import Memory, Motion, Sightings, agreement, 
 from slamcu_core.filter.resampling import resample
 from slamcu_core.filter.riders import Riders
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
-from slamcu_core.filter.view import Seen, View, read_detections
-from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass, rotation, wrap_angle
+from slamcu_core.filter.view import Lookout, View
+from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass, rotation
 from slamcu_core.hd_map import HDMap
 from slamcu_core.models import SensorModel, advance, yaw_rate_from_steering
 from slamcu_core.reports import Health, PassReport
@@ -50,11 +51,10 @@ class _Sensor:
     """A sensor at work."""
 
     model: SensorModel
+    lookout: Lookout
     update: FrameUpdate
     codes: Index  # of the classes that it detects
     last_frame: float = -np.inf
-    around: Index | None = None  # the neighbourhood's rows ...
-    fitting: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # ... and those of classes it detects
     occluders: tuple[Occluder, ...] = ()
     occluders_at: float = -np.inf
 
@@ -131,10 +131,10 @@ class SlamcuFilter:
         self._reckoned = np.zeros(3)  # dead reckoning: drifts, but never jumps
 
     def _install(self, model: SensorModel) -> _Sensor:
-        update = FrameUpdate(model, self._table, self._particles, self._calibration, self.parameters)
-        return _Sensor(
-            model, update, np.array([self._names.code(name) for name in model.sensor.classes], dtype=np.intp)
-        )
+        codes = np.array([self._names.code(name) for name in model.sensor.classes], dtype=np.intp)
+        parts = model, self._table, self._particles, self._calibration
+        lookout = Lookout(*parts, codes=codes, gate=self.parameters.gate)
+        return _Sensor(model, lookout, FrameUpdate(*parts, self.parameters), codes)
 
     # --- what comes in ---------------------------------------------------------------------------------------------
 
@@ -209,16 +209,16 @@ class SlamcuFilter:
         self._advance(record.t)
         self._calibration.predict(self._particles, min(record.t - max(sensor.last_frame, 0.0), 1e6))
         sensor.last_frame = record.t
-        weights = self._particles.weights
-        pose = self._particles.mean_pose(weights)
-        if self._around.reanchor(pose[:2], self._particles):
-            pose = self._particles.mean_pose(weights)
+        cloud = self._particles.cloud()
+        if self._around.reanchor(cloud.mean[:2], self._particles):
+            cloud = self._particles.cloud()
+        pose = cloud.mean
         self._around.refresh(pose[:2], self._particles)
-        rows = self._reachable(sensor, pose)
-        if len(rows) or len(record.items):
+        if len(record.items):
             seen = seen.keep(~self._riders.flag(seen, self._odometer))
-            occluders = sensor.occluders if record.t - sensor.occluders_at < 0.2 else ()
-            view = sensor.update.look(rows, weights, pose, occluders)
+        occluders = sensor.occluders if record.t - sensor.occluders_at < 0.2 else ()
+        view = sensor.lookout.look(self._around.rows, cloud, seen, occluders)
+        if view is not None:
             now = Instant(record.t, share, pose, self._reckoned, self._speed)
             self._manage(sensor, view, seen, now)
             self._resample()
@@ -229,20 +229,6 @@ class SlamcuFilter:
         else:
             self._particles.settle(self._rng)
         return self._close(self._management.out_of_view(record.t))
-
-    def _reachable(self, sensor: _Sensor, pose: Array) -> Index:
-        """Return the active rows that the sensor could see from near the mean pose."""
-        table, spec = self._table, sensor.model.sensor
-        if sensor.around is not self._around.rows:
-            sensor.around = rows = self._around.rows
-            sensor.fitting = rows[(table.feature_class[rows, None] == sensor.codes).any(axis=1)]
-        rows = sensor.fitting
-        sight = sensor.model.sight(pose[:, None], table.xy.T.take(rows, axis=1))
-        aside = wrap_angle(sight.bearing)
-        seen = np.abs(aside, out=aside) < sensor.model.half_angle + 0.2
-        seen |= sight.distance < 5.0
-        seen &= sight.distance < spec.max_range_m + 10.0
-        return rows[seen]
 
     def _manage(self, sensor: _Sensor, view: View, seen: Seen, now: Instant) -> None:
         """Take one frame through section 4.3 and 5.2-5.3."""

@@ -2,7 +2,7 @@
 
 from slamcu_core.models.motion import MotionNoise, advance, arc, yaw_rate_from_steering
 from slamcu_core.models.sensor import Jacobian, SensorModel, Sight
-from slamcu_core.models.visibility import occlusion_probability, visibility_probability
+from slamcu_core.models.visibility import occlusion_probability, shadow_angle, visibility_probability
 
 __all__ = [
     "Jacobian",
@@ -12,6 +12,7 @@ __all__ = [
     "advance",
     "arc",
     "occlusion_probability",
+    "shadow_angle",
     "visibility_probability",
     "yaw_rate_from_steering",
 ]

@@ -137,9 +137,10 @@ class SensorModel:
     def by_pose(self, sight: Sight, by_feature: Jacobian) -> Array:
         """Return ∂h/∂x, shape (2, 3, ...): the Jacobian with respect to the vehicle's x, y and heading."""
         h = np.empty((2, 3, *sight.distance.shape))
-        cos, sin, shrink = by_feature.cos, by_feature.sin, by_feature.shrink
-        h[0, 0], h[0, 1] = -cos, -sin
-        h[1, 0], h[1, 1] = shrink * sin, -shrink * cos
+        np.negative(by_feature.cos, out=h[0, 0, ...])
+        np.negative(by_feature.sin, out=h[0, 1, ...])
+        np.multiply(by_feature.sin, by_feature.shrink, out=h[1, 0, ...])
+        np.multiply(h[0, 0], by_feature.shrink, out=h[1, 1, ...])
         if not self.has_bearing:
             h[0, 2], h[1, 2] = sight.measurement[1], -sight.measurement[0]
             return h

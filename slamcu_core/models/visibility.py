@@ -34,6 +34,11 @@ def visibility_probability(sensor: Sensor, distance: Array, bearing: Array, weig
     return np.asarray(inside @ weights)
 
 
+def shadow_angle(occluder: Occluder) -> float:
+    """Return half the angle (rad) that an object hides."""
+    return math.atan2(occluder.width / 2.0 + _OCCLUDER_MARGIN_M, max(occluder.range, 0.1))
+
+
 def occlusion_probability(occluders: Sequence[Occluder], distance: Array, bearing: Array, bearing_std: Array) -> Array:
     """Return for F features the probability of standing behind an object, shape (F,).
 
@@ -44,7 +49,7 @@ def occlusion_probability(occluders: Sequence[Occluder], distance: Array, bearin
     """
     visible = np.ones_like(distance)
     for occluder in occluders:
-        half = np.arctan2(occluder.width / 2.0 + _OCCLUDER_MARGIN_M, max(occluder.range, 0.1))
+        half = shadow_angle(occluder)
         offset = np.abs(bearing - occluder.bearing)
         behind = _logistic((distance - occluder.range) / (0.5 * _OCCLUDER_RANGE_STD))
         inside = _logistic((half - offset) / np.maximum(0.6 * bearing_std, 1e-4))

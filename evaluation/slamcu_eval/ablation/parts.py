@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from slamcu_core.errors import SlamcuError
 from slamcu_core.filter import existence
+from slamcu_core.filter.detections import Seen
 from slamcu_core.filter.frame_update import FrameUpdate, Matches
 from slamcu_core.filter.table import Kind
-from slamcu_core.filter.view import Seen, View
+from slamcu_core.filter.view import View
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

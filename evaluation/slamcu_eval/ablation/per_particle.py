@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.filter import ekf, proposal, weighting
+from slamcu_core.filter.detections import Seen
 from slamcu_core.filter.frame_update import CloseLook, FrameUpdate, Matches
-from slamcu_core.filter.view import Seen, View
+from slamcu_core.filter.view import View
 from slamcu_eval.ablation.parts import weighs_as_normal
 
 Array = NDArray[np.float64]
@@ -33,7 +34,7 @@ class PerParticle(FrameUpdate):
     ) -> Matches:
         """Weigh the particles, each by its own association with Normal and New features (eq. 17-19)."""
         particles = self.particles
-        columns = np.flatnonzero(weighs_as_normal(self.table, view.rows))
+        columns = np.flatnonzero(weighs_as_normal(self.table, view.rows[: view.close]))
         columns = np.union1d(columns, matched[1][usable]).astype(np.intp)
         fits = self._fits(view, seen, columns)
         detections = np.flatnonzero(fits.any(axis=1))

@@ -1,0 +1,97 @@
+"""To give rows up by the mean pose changes nothing: the same drive with and without it, to rounding."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from slamcu_core.drive import (
+    Detection,
+    DetectionFrame,
+    DriveHeader,
+    InitialPose,
+    Mount,
+    ObjectFrame,
+    Occluder,
+    Odometry,
+    Sensor,
+    SensorKind,
+)
+from slamcu_core.filter import FeatureEstimate, FilterParameters, SlamcuFilter, view
+from slamcu_core.geometry import LocalFrame
+from slamcu_core.hd_map import HDMap, MapFeature
+
+FRAME = LocalFrame(2.1, 48.9)
+
+
+def _drive(kind: SensorKind, heading_deg: float, fov_deg: float) -> list[FeatureEstimate]:
+    """Drive 40 m past fifty signs, a third of them not in the map, with a truck beside and a wide start."""
+    rng = np.random.default_rng(7)
+    sensor = Sensor("eye", kind=kind, mount=Mount(1.5, 0.4, 3.0), fov_deg=fov_deg, max_range_m=60.0, rate_hz=10.0)
+    header = DriveHeader(
+        "v", "s", datetime(2026, 5, 1, tzinfo=UTC), InitialPose(2.1, 48.9, heading_deg, 1.0, 2.0), (sensor,)
+    )
+    angle = np.deg2rad(90.0 - heading_deg)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    signs = np.stack([rng.uniform(-10.0, 120.0, 50), rng.choice([-9.0, -5.0, 5.0, 9.0], 50)], axis=1)
+    lon, lat = FRAME.to_geographic(signs[:34] @ turn.T)
+    features = [MapFeature(n + 1, float(x), float(y)) for n, (x, y) in enumerate(zip(lon, lat, strict=True))]
+    car = SlamcuFilter(HDMap(features), header, FilterParameters(particles=30), rng=np.random.default_rng(1))
+    for step in range(1, 21):
+        t = 0.2 * step
+        car.feed(Odometry(t, 10.0, yaw_rate=0.0))
+        car.feed(ObjectFrame(t, "eye", (Occluder(0.3, 20.0, 3.0), Occluder(-0.1, 45.0, 2.5))))
+        place = signs - [10.0 * t + 1.5, 0.4]
+        distance, bearing = np.hypot(*place.T), np.arctan2(place[:, 1], place[:, 0]) - np.deg2rad(3.0)
+        seen = (np.abs(bearing) < np.deg2rad(fov_deg) / 2) & (distance < 60.0) & (rng.random(50) < 0.5)
+        items = []
+        for index in seen.nonzero()[0]:
+            r, b = distance[index] + 0.3 * rng.normal(), bearing[index] + 0.005 * rng.normal()
+            if kind is SensorKind.RANGE_BEARING:
+                items.append(Detection("traffic_sign", range=float(r), bearing=float(b)))
+            else:
+                x, y = signs[index] - [10.0 * t, 0.0] + 0.1 * rng.normal(size=2)
+                items.append(Detection("traffic_sign", x=float(x), y=float(y)))
+        car.feed(DetectionFrame(t, "eye", tuple(items)))
+    return car.features()
+
+
+@pytest.mark.parametrize(
+    ("kind", "heading_deg", "fov_deg"),
+    [
+        (SensorKind.RANGE_BEARING, 90.0, 60.0),
+        (SensorKind.RANGE_BEARING, 270.0, 60.0),
+        (SensorKind.RANGE_BEARING, 200.0, 360.0),
+        (SensorKind.POSITION, 270.0, 120.0),
+    ],
+)
+def test_what_is_given_up_by_the_mean_pose_could_not_have_mattered(
+    kind: SensorKind, heading_deg: float, fov_deg: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(view, "_MANY", 10**9)
+    every = _drive(kind, heading_deg, fov_deg)
+    monkeypatch.setattr(view, "_MANY", 0)
+    some = _drive(kind, heading_deg, fov_deg)
+    assert len(every) > 40
+    assert [(f.state, f.passes) for f in some] == [(f.state, f.passes) for f in every]
+    for one, other in zip(some, every, strict=True):
+        assert (one.lon, one.lat) == pytest.approx((other.lon, other.lat), abs=1e-11)
+        assert one.masses.exists == pytest.approx(other.masses.exists, abs=1e-6)
+
+
+def test_most_rows_of_a_dense_map_are_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[tuple[int, int]] = []
+    sort = view.Lookout._put_close_ones_first
+
+    def counted(self: view.Lookout, outline: view._Outline, *rest: object) -> object:
+        result = sort(self, outline, *rest)  # type: ignore[arg-type]  # passed on as they came
+        looked.append((result[0].mapped, outline.mapped))
+        return result
+
+    monkeypatch.setattr(view, "_MANY", 0)
+    monkeypatch.setattr(view.Lookout, "_put_close_ones_first", counted)
+    _drive(SensorKind.RANGE_BEARING, 90.0, 60.0)
+    close, within_reach = np.sum(looked[-10:], axis=0)
+    assert 0 < close < 0.8 * within_reach
