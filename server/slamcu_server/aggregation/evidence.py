@@ -25,6 +25,8 @@ from slamcu_core.geometry import LocalFrame
 from slamcu_server.aggregation.cells import Cell, cell_at
 from slamcu_server.aggregation.passes import StoredPass
 
+_CALENDAR_END_S = datetime(9999, 12, 31, tzinfo=UTC).timestamp()
+
 
 @dataclass(frozen=True, slots=True)
 class Summary:
@@ -68,8 +70,8 @@ class Place:
 
 
 def moment(posix_s: float | None) -> datetime | None:
-    """Return a POSIX time as an aware datetime."""
-    return None if posix_s is None else datetime.fromtimestamp(posix_s, UTC)
+    """Return a POSIX time as an aware datetime; None for one after the calendar's end, which nobody lives to see."""
+    return None if posix_s is None or posix_s > _CALENDAR_END_S else datetime.fromtimestamp(posix_s, UTC)
 
 
 def summarize(

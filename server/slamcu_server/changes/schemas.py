@@ -50,6 +50,40 @@ _CHANGE_EXAMPLE: JsonDict = {
     "review": None,
 }
 
+_OLD: JsonDict = {
+    "class": "traffic_sign",
+    "sign": "SPEED_LIMIT",
+    "value": "80",
+    "geometry": {"type": "Point", "coordinates": [2.10027, 48.90012]},
+    "covariance_m2": [0.0225, 0.0, 0.0225],
+    "ellipse95": {"semi_major_m": 0.37, "semi_minor_m": 0.37, "orientation_deg": 0.0},
+    "mass_exists": 0.0,
+    "mass_not_exists": 0.9,
+    "mass_unknown": 0.1,
+    "conflict": 0.0,
+    "weight_for": 0.0,
+    "weight_against": 2.3,
+    "contributors_for": 0,
+    "contributors_against": 4,
+    "passes": 5,
+    "last_seen": "2026-04-28T17:02:10+00:00",
+    "last_looked": "2026-05-02T07:55:03+00:00",
+}
+_NEW_HALF: JsonDict = {
+    **{name: _CHANGE_EXAMPLE[name] for name in _OLD},
+    "geometry": {"type": "Point", "coordinates": [2.10031, 48.90012]},
+}
+_MOVED_EXAMPLE: JsonDict = {
+    **_CHANGE_EXAMPLE,
+    "id": 13,
+    "kind": "moved",
+    "revision": 4,
+    "map_object_id": 17,
+    "passes": 9,
+    "from": _OLD,
+    "to": _NEW_HALF,
+}
+
 
 class Ellipse(BaseModel):
     """The 95 % ellipse of a place."""
@@ -99,7 +133,7 @@ class Review(BaseModel):
 class Change(Evidence):
     """A change of the map that the evidence speaks for, as of its revision."""
 
-    model_config = ConfigDict(json_schema_extra={"example": _CHANGE_EXAMPLE})
+    model_config = ConfigDict(json_schema_extra={"examples": [_CHANGE_EXAMPLE, _MOVED_EXAMPLE]})
 
     id: int
     kind: Kind

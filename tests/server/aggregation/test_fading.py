@@ -7,6 +7,7 @@ from typing import Any
 import httpx
 import pytest
 
+from slamcu_core.aggregation import ClassPolicy, Policy
 from slamcu_server.aggregation import rebuild
 from slamcu_server.aggregation.fading import fade
 
@@ -47,6 +48,12 @@ async def test_the_feed_learns_that_a_belief_has_faded(
     await town.report("f", reports.seen(first.id, hours=2, watched=True))
     await town.fuse()
     assert (await town.changes())[0].state == "confirmed"
+
+
+async def test_what_hardly_fades_fades_after_the_calendar(town: Any, reports: Any) -> None:
+    town.policy = Policy(ClassPolicy(half_life_days=1e9))
+    await stale(town, reports)
+    assert {row.fades_at for row in await town.candidates()} == {None}
 
 
 async def test_an_explanation_reads_the_evidence_as_of_a_time(
