@@ -26,6 +26,7 @@ COMMANDS: tuple[str, ...] = (
     "slamcu_eval.commands.demo",
     "slamcu_eval.commands.scenario",
     "slamcu_eval.commands.bench",
+    "slamcu_eval.commands.attack",
     "slamcu_eval.commands.plots",
 )
 

@@ -15,6 +15,7 @@ from slamcu_server.accounts.service import Authenticator
 from slamcu_server.aggregation.policy import load_policy
 from slamcu_server.aggregation.worker import run_worker
 from slamcu_server.health.endpoints import router as health
+from slamcu_server.ingest.quota import Quota
 from slamcu_server.metrics.endpoints import router as metrics
 from slamcu_server.metrics.instruments import Instruments
 from slamcu_server.middleware import LimitBody, Observe
@@ -74,6 +75,7 @@ def create_app(settings: Settings, *, engine: AsyncEngine | None = None) -> Fast
     )
     app.state.settings = settings
     app.state.instruments = Instruments()
+    app.state.quota = Quota(settings.passes_per_s, settings.passes_burst)
     for router in ROUTERS:
         app.include_router(router)
     problems.install(app)

@@ -91,8 +91,17 @@ class Settings(BaseSettings):
         2**20, ge=1024, description="Of a body in JSON, decompressed: it costs some fifty times its protobuf to parse."
     )
     max_messages_per_batch: int = Field(1000, ge=1, le=10_000)
+    passes_per_s: float = Field(
+        50.0,
+        ge=0,
+        description="Passes that an account may report in the long run, to one process; 0: no limit. "
+        "A car has about one in five seconds.",
+    )
+    passes_burst: float = Field(
+        50_000.0, ge=1, description="Passes that an account may report at once: what has waited for a network."
+    )
     max_clock_ahead_s: float = Field(
-        86_400.0, ge=0, description="How far in the future a report may lie before its clock counts as wrong."
+        300.0, ge=0, description="How far in the future a report may lie before its clock counts as wrong."
     )
 
     # What is done with it

@@ -54,6 +54,7 @@ def bench_server(database_url: str, vehicles: int, features: int = 0) -> Iterato
     asyncio.run(migrated(database_url))
     environment = {name: value for name, value in os.environ.items() if not name.startswith("SLAMCU_")}
     environment |= {"SLAMCU_DATABASE_URL": database_url, "SLAMCU_LOG_LEVEL": "warning"}
+    environment |= {"SLAMCU_PASSES_PER_S": "0"}  # a few vehicles stand for many
     with tempfile.TemporaryDirectory(prefix="slamcu-bench-") as name:
         home = Path(name)
         if features:

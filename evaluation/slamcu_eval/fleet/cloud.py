@@ -6,6 +6,7 @@ import json
 import os
 import tempfile
 import time
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -40,11 +41,14 @@ class Cloud(Provider):
     ----------
     policy : the aggregation policy; None: the server's own.
     own_worker : aggregate in a process of its own (`worker`) instead of the server's.
+    settings : further environment variables of the server (`SLAMCU_…`).
     """
 
-    def __init__(self, *, policy: Policy | None = None, own_worker: bool = False) -> None:
+    def __init__(
+        self, *, policy: Policy | None = None, own_worker: bool = False, settings: Mapping[str, str] | None = None
+    ) -> None:
         super().__init__()
-        self._policy, self._own_worker = policy, own_worker
+        self._policy, self._own_worker, self._settings = policy, own_worker, dict(settings or {})
         self._stack = ExitStack()
         self._batches = 0
         self.url = ""
@@ -139,6 +143,7 @@ class Cloud(Provider):
         """Return the environment without the settings of the user's own server."""
         environment = {name: value for name, value in os.environ.items() if not name.startswith("SLAMCU_")}
         environment |= {"SLAMCU_DATA_DIR": str(self.data_dir), "SLAMCU_LOG_LEVEL": "warning", "SLAMCU_PORT": "0"}
+        environment |= self._settings
         if self._policy is not None:
             path = self._home / "policy.json"
             path.write_text(json.dumps(self._policy.to_document()), encoding="utf-8")

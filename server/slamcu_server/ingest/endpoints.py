@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from fastapi import APIRouter, Request, status
@@ -9,6 +10,7 @@ from fastapi import APIRouter, Request, status
 from slamcu_server.accounts.authentication import Reporter
 from slamcu_server.database.engine import EngineDependency
 from slamcu_server.ingest import body, service
+from slamcu_server.ingest.quota import Quota
 from slamcu_server.ingest.schemas import EXAMPLE_BATCH, IngestResult
 from slamcu_server.metrics.instruments import Instruments
 from slamcu_server.problems import Problem, responses
@@ -31,7 +33,7 @@ _REQUEST_BODY: dict[str, Any] = {
 @router.post(
     "/data-messages",
     status_code=status.HTTP_202_ACCEPTED,
-    responses=responses(400, 401, 403, 413, 415),
+    responses=responses(400, 401, 403, 413, 415, 429),
     openapi_extra=_REQUEST_BODY,
 )
 async def post_data_messages(request: Request, reporter: Reporter, engine: EngineDependency) -> IngestResult:
@@ -40,15 +42,21 @@ async def post_data_messages(request: Request, reporter: Reporter, engine: Engin
     Each message is taken or refused whole; the good ones of a batch are kept. A message is known by the key's account,
     its session id and its message id: the same again is a duplicate, the same ids with other bytes are refused. The
     answer comes when the accepted messages are durable. If no message of the batch could be taken, now or earlier, the
-    answer is a 422 problem with the same members.
+    answer is a 422 problem with the same members. An account that reports far more than a car can is answered with 429
+    and `Retry-After`.
     """
     settings: Settings = request.app.state.settings
+    quota: Quota = request.app.state.quota
+    if (wait := quota.wait_s(reporter.account_id)) > 0.0:
+        detail = f"this account reports more than {settings.passes_per_s:g} passes a second; send again in {wait:.0f} s"
+        raise Problem(429, "too-many-passes", detail, headers={"Retry-After": str(math.ceil(wait))})
     is_json = body.media_type(request.headers) == body.JSON
     limit = (
         min(settings.max_json_bytes, settings.max_decompressed_bytes) if is_json else settings.max_decompressed_bytes
     )
     content = await body.read(request.stream(), gzip=body.is_gzip(request.headers), limit=limit)
-    result = await service.ingest(engine, settings, reporter.account_id, content, is_json=is_json)
+    result, passes = await service.ingest(engine, settings, reporter.account_id, content, is_json=is_json)
+    quota.charge(reporter.account_id, passes)
     _count(request.app.state.instruments, result)
     if result.rejected and not result.accepted and not result.duplicates:
         detail = f"none of the {len(result.rejected)} messages could be taken; the first: {result.rejected[0].detail}"

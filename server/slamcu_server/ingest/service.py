@@ -16,6 +16,7 @@ from slamcu_core.sensoris import BatchItem, WireLimits, decode_batch
 from slamcu_core.sensoris.proto import data_pb2
 from slamcu_server.ingest import repository
 from slamcu_server.ingest.message_log import LogEntry, MessageLog, Outcome, PostgresMessageLog
+from slamcu_server.ingest.plausibility import implausible
 from slamcu_server.ingest.schemas import IngestResult, Rejection
 from slamcu_server.problems import Problem
 from slamcu_server.settings import Settings
@@ -34,8 +35,10 @@ class _Readable:
 
 async def ingest(
     engine: AsyncEngine, settings: Settings, account_id: int, body: bytes, *, is_json: bool
-) -> IngestResult:
-    """Log the good messages of a batch durably and say what became of each.
+) -> tuple[IngestResult, int]:
+    """Log the good messages of a batch durably; return what became of each, and what the batch costs in passes.
+
+    Everything costs, also what is refused or a duplicate: reading it was work.
 
     Raises Problem 400 if the body as a whole cannot be read, 413 if it holds too many messages, and 422 if no message
     of it could be taken, now or earlier.
@@ -53,10 +56,15 @@ async def ingest(
     rejected = [_unreadable(index, item) for index, item in enumerate(items) if item.report is None]
     readable = [_Readable(index, item.body, item.report) for index, item in enumerate(items) if item.report is not None]
     accepted = duplicates = 0
+    impossible = [
+        _rejection(one, "too-many-finds", detail) for one in readable if (detail := implausible(one.report)) is not None
+    ]
+    refused = {rejection.index for rejection in impossible}
+    possible = [one for one in readable if one.index not in refused]
     if readable:
         # Only now: a slow sender must not hold a connection. The commit comes before the answer.
         async with engine.begin() as connection:
-            unknown = await _refuse_unknown(connection, readable)
+            unknown = [*impossible, *await _refuse_unknown(connection, possible)]
             refused = {rejection.index for rejection in unknown}
             kept = [message for message in readable if message.index not in refused]
             outcomes = await _log(PostgresMessageLog(connection), account_id, kept) if kept else []
@@ -67,9 +75,10 @@ async def ingest(
             if outcome is Outcome.CONFLICT
         ]
         accepted, duplicates = outcomes.count(Outcome.ACCEPTED), outcomes.count(Outcome.DUPLICATE)
-    return IngestResult(
+    result = IngestResult(
         accepted=accepted, duplicates=duplicates, rejected=sorted(rejected, key=lambda rejection: rejection.index)
     )
+    return result, len(items) + sum(len(one.report.passes) for one in readable)
 
 
 async def _log(log: MessageLog, account_id: int, messages: Sequence[_Readable]) -> list[Outcome]:

@@ -1,0 +1,108 @@
+"""What a vehicle may report at once, and what no camera can have seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import timedelta
+from typing import Any
+
+import httpx
+import pytest
+
+from slamcu_core.hd_map import MapIdentity
+from slamcu_core.reports import DetectionStatus, MeasuredPosition, ReportMessage
+from slamcu_core.sensoris import join_batch, serialize_message
+from slamcu_server.ingest.plausibility import FINDS_AT_ONCE, FINDS_AT_ONE_PLACE
+from slamcu_server.ingest.quota import Quota
+from slamcu_server.settings import Settings
+
+pytestmark = pytest.mark.anyio
+
+MakeReport = Callable[..., ReportMessage]
+
+
+async def post(client: httpx.AsyncClient, headers: dict[str, str], *messages: ReportMessage) -> httpx.Response:
+    content = join_batch([serialize_message(one) for one in messages])
+    return await client.post(
+        "/v1/data-messages", content=content, headers={**headers, "Content-Type": "application/x-protobuf"}
+    )
+
+
+def finds(message: ReportMessage, count: int, seconds: float, degrees: float) -> ReportMessage:
+    """Replace the pass of a message by finds, each later and farther east than the one before."""
+    (one,) = message.passes
+    find = replace(one, status=DetectionStatus.NOT_EXPECTED_AND_DETECTED, reference=None)
+    return replace(
+        message,
+        passes=tuple(
+            replace(
+                find,
+                started_at=one.started_at + timedelta(seconds=number * seconds),
+                ended_at=one.ended_at + timedelta(seconds=number * seconds),
+                position=MeasuredPosition(2.1 + number * degrees, 48.9, (0.3, 0.0, 0.3)),
+            )
+            for number in range(count)
+        ),
+    )
+
+
+async def test_what_no_camera_can_have_seen_is_refused_and_the_rest_is_kept(
+    client: httpx.AsyncClient, vehicle: dict[str, str], town: MapIdentity, make_report: MakeReport
+) -> None:
+    answer = await post(
+        client,
+        vehicle,
+        finds(make_report(1), FINDS_AT_ONCE + 1, 0.0, 0.001),
+        finds(make_report(2), FINDS_AT_ONE_PLACE + 1, 10.0, 0.0),
+        finds(make_report(3), FINDS_AT_ONCE, 0.0, 0.001),
+        finds(make_report(4), 200, 10.0, 0.001),
+        finds(make_report(5), FINDS_AT_ONE_PLACE, 10.0, 0.0),
+    )
+    assert answer.status_code == 202
+    assert answer.json()["accepted"] == 3
+    assert [(one["index"], one["reason"]) for one in answer.json()["rejected"]] == [
+        (0, "too-many-finds"),
+        (1, "too-many-finds"),
+    ]
+
+
+@pytest.fixture
+def settings(database_url: str) -> Settings:
+    return Settings(database_url=database_url, embedded_worker=False, passes_per_s=0.001, passes_burst=5)
+
+
+async def test_who_reports_too_much_is_told_when_to_go_on_and_others_are_not(
+    *,
+    client: httpx.AsyncClient,
+    vehicle: dict[str, str],
+    town: MapIdentity,
+    make_report: MakeReport,
+    issue_key: Any,
+    auth: Any,
+) -> None:
+    assert (await post(client, vehicle, *(make_report(number) for number in range(1, 3)))).status_code == 202
+    # what is a duplicate costs too: reading it was work
+    assert (await post(client, vehicle, make_report(1))).json()["duplicates"] == 1
+    refused = await post(client, vehicle, make_report(3))
+    assert refused.status_code == 429
+    assert refused.json()["type"] == "urn:slamcu:problem:too-many-passes"
+    assert 1000 <= int(refused.headers["retry-after"]) <= 2001
+    other = auth(await issue_key("vehicle", "other"))
+    assert (await post(client, other, make_report(1))).status_code == 202
+
+
+def test_a_bucket_fills_steadily_and_holds_no_more_than_a_burst() -> None:
+    now = 0.0
+    quota = Quota(2.0, 10.0, lambda: now)
+    quota.charge(1, 30)
+    assert quota.wait_s(1) == pytest.approx(10.5)
+    assert quota.wait_s(2) == 0.0
+    now = 10.6
+    assert quota.wait_s(1) == 0.0
+    now = 1e6
+    quota.charge(1, 9)
+    assert quota.wait_s(1) == 0.0
+    quota.charge(1, 2)
+    assert quota.wait_s(1) > 0.0
+    assert Quota(0.0, 1.0).wait_s(1) == 0.0
