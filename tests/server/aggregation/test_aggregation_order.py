@@ -10,8 +10,10 @@ from typing import Any
 import pytest
 from sqlalchemy import text
 
+from slamcu_core.geometry import LocalFrame
 from slamcu_core.reports import PassReport
 from slamcu_server.aggregation import rebuild
+from slamcu_server.aggregation.cells import cell_at
 from slamcu_server.aggregation.worker import drain
 
 pytestmark = pytest.mark.anyio
@@ -211,6 +213,26 @@ async def _restore(road: Any) -> None:
         )
     names = "*"
     await road.do("INSERT INTO feature_states SELECT * FROM before_feature_states")
+
+
+async def test_halves_on_both_sides_of_a_lock_find_each_other(engine: Any, town: Any, reports: Any) -> None:
+    # Just at the edge of a cell, so that whoever is told of one half holds another cell than who is told of the other.
+    middle = reports.place(0.0, 0.0)
+    edge = LocalFrame(middle.lon, middle.lat).to_local(cell_at(1, middle.lon, middle.lat).bounds[2], middle.lat)[0]
+    border = type(town)(engine, source="border")
+    await border.import_map([(edge - 8.0, 0.0)])
+    sign = await border.scalar("SELECT object_id FROM features WHERE map_id = :m", m=border.map_id)
+    for number in range(12):
+        await border.report(f"miss-{number}", reports.missed(sign, hours=number))
+        await border.report(f"find-{number}", reports.find(edge + 8.0, 0.0, hours=number, sign="SPEED_LIMIT"))
+    await asyncio.gather(*(drain(engine, border.policy, 1) for _ in range(4)))
+    assert await rebuild.differences(engine, border.policy) == []
+    [candidate] = await border.candidates()
+    assert candidate.pair_kind == "moved"
+    assert [(row.kind, row.state) for row in await border.changes() if row.state != "withdrawn"] == [
+        ("moved", "confirmed")
+    ]
+    await no_gap(border)
 
 
 async def test_a_rebuild_changes_nothing_and_mends_what_was_broken(road: Any, reports: Any) -> None:

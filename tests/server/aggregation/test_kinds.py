@@ -104,7 +104,21 @@ async def test_a_new_sign_waits_for_the_other_half_only_so_long(town: Any, repor
     assert (await told(town))[-1][1:] == ("new", "confirmed")
 
 
-async def test_both_halves_on_their_own_are_joined_into_the_older(town: Any, reports: Any) -> None:
+async def test_two_changes_that_turn_out_to_be_one_are_joined_into_the_older(town: Any, reports: Any) -> None:
+    for number in range(4):
+        await drive(town, reports, f"a-{number}", number)
+    for number in range(2):  # nobody can tell yet what the new one is
+        find = reports.find(8, 0, hours=5 + number, sign=None)
+        await drive(town, reports, f"b-{number}", 5 + number, find, missed=False)
+    assert [(row.kind, row.state) for row in await town.changes()] == [("deleted", "confirmed"), ("new", "confirmed")]
+    await drive(town, reports, "c", 8, reports.find(8, 0, hours=8, sign="SPEED_LIMIT"), missed=False)
+    kept, joined = await town.changes()
+    assert (kept.kind, kept.state) == ("moved", "confirmed")
+    assert (joined.state, joined.document["withdrawn_because"]) == ("withdrawn", "joined")
+    assert joined.document["joined_into"] == kept.id
+
+
+async def test_a_new_sign_that_was_confirmed_becomes_the_move_that_it_is(town: Any, reports: Any) -> None:
     for number in range(2):
         await drive(
             town, reports, f"a-{number}", number, reports.find(3, 0, hours=number, sign="SPEED_LIMIT"), missed=False
