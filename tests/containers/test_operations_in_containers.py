@@ -114,10 +114,10 @@ def test_docker_compose_up_shows_a_fleet_at_work(project: tuple[Path, dict[str, 
     )
     _keep(folder, "demonstration", done)
     assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-3000:]}"
-    assert "5 changes accepted, and the fleet has nothing left to report" in done.stdout
+    assert "7 changes accepted, and the fleet has nothing left to report" in done.stdout
     said = (ROOT / "build" / "e2e" / "demonstration-services.log").read_text(encoding="utf-8")
     assert "the cars have lost their network" in said
-    assert "accepted 2 deleted, 3 new" in said
+    assert "accepted 2 deleted, 1 modified, 1 moved, 3 new" in said
 
 
 @pytest.mark.parametrize(

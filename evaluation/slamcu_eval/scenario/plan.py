@@ -21,8 +21,8 @@ class Plan:
     normal: int = 8
     deleted: int = 2
     new: int = 3
-    moved: int = 0
-    modified: int = 0
+    moved: int = 1
+    modified: int = 1
     pace: float = 3.0  # times the speed at which the drives were recorded
     kills: tuple[tuple[float, str], ...] = ((0.2, "api-1"), (0.35, "worker-1"), (0.5, "database"))
     cut_at: float = 0.65

@@ -111,12 +111,6 @@ def nothing_is_open(provider: Provider, stage: Stage) -> None:
     require(not found, f"there is still something to review: {', '.join(found)}")
 
 
-def all_are_well(system: System) -> None:
-    """Prove that no service is down or unhealthy."""
-    found = system.ailing()
-    require(not found, f"not well: {'; '.join(found)}")
-
-
 def pending(system: System) -> int:
     """Return how many messages wait to be fused."""
     found: int = check(system)["messages"].get("pending", 0)
