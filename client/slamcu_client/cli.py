@@ -209,7 +209,7 @@ def _add_wait(command: argparse.ArgumentParser) -> None:
         type=_seconds,
         default=60.0,
         metavar="S",
-        help="seconds to go on trying at the end if the server does not answer (default 60)",
+        help="seconds to go on trying if the server does not answer, for the map and for the last reports (default 60)",
     )
 
 

@@ -10,7 +10,7 @@ from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from slamcu_client.errors import OutboxError
+from slamcu_client.errors import AnswerError, MapUnavailableError, OutboxError, TransportError
 from slamcu_client.files import load_map_file, opened, write_text
 from slamcu_client.map_cache import MapCache
 from slamcu_client.map_pages import BoundingBox
@@ -28,6 +28,7 @@ from slamcu_core.hd_map import HDMap
 
 DONE, LEFT_OVER = 0, 3
 _REPORT_EVERY = 64  # records between two looks at the progress
+_MAP_RETRY_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,8 +118,17 @@ def _map(order: DriveOrder, server: Server | None) -> HDMap:
         return load_map_file(order.map_file)
     if server is None or order.map_name is None:
         raise SlamcuError("a map is needed: --map, or --map-name with --server")
+    deadline = time.monotonic() + order.wait_s
     with tempfile.TemporaryDirectory(prefix="slamcu-") as folder:
-        return MapCache(Path(folder) / "map.geojson", server, order.map_name).refresh().hd_map
+        cache = MapCache(Path(folder) / "map.geojson", server, order.map_name)
+        while True:
+            try:
+                return cache.refresh().hd_map
+            except MapUnavailableError as error:  # no network, or no server that answers: another moment may have both
+                lost = isinstance(error.__cause__, TransportError | AnswerError)
+                if not lost or time.monotonic() + _MAP_RETRY_S > deadline:
+                    raise
+            time.sleep(_MAP_RETRY_S)
 
 
 def _check_log(path: Path) -> DriveHeader:

@@ -184,6 +184,22 @@ def test_a_map_by_name_is_fetched(folder: Path, vehicle, fake, faults, key) -> N
     assert "this is the copy of" in err
 
 
+def test_a_car_without_a_map_asks_again_as_long_as_it_waits(
+    folder: Path, vehicle, fake, faults, key, monkeypatch
+) -> None:
+    document = json.loads(Path("map.geojson").read_text()) | {"next": None}
+    answers = [faults.problem(503), faults.problem(503), faults.Answer(200, document, {"ETag": '"1"'})]
+    fake.pages = lambda query, _headers: answers.pop(0)
+    monkeypatch.setattr("slamcu_client.commands._MAP_RETRY_S", 0.01)
+    drive = ("drive", "--map-name", "test-road", "--log", "drive.jsonl", "--server", fake.url)
+    assert vehicle(*drive)[0] == 0
+    assert answers == []
+    fake.pages = lambda query, _headers: faults.problem(503)
+    code, _, err = vehicle(*drive, "--wait", "0")
+    assert code == 1
+    assert "there is no copy of the map" in err
+
+
 def _spoil(path: Path, line: int, change: Callable[[dict], dict | str]) -> None:
     lines = path.read_text().splitlines()
     changed = change(json.loads(lines[line - 1]))

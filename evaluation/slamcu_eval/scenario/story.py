@@ -73,7 +73,7 @@ class _Story:
         """Let the first fleet drive while services are killed and the network is cut."""
         for car in cars:
             self.system.start_car(car)
-        self.becomes("all cars are on the road", lambda: all(car.outbox.exists() for car in cars))
+        self.becomes("the first fleet is on the road", lambda: self._on_the_road(cars))
         begun, lasts = time.monotonic(), self.stage.longest_s / self.plan.pace
         self.timeline(f"the first fleet is on the road: {len(cars)} cars, for {lasts:.0f} s")
         for share, service in self.plan.kills:
@@ -127,7 +127,7 @@ class _Story:
         """Let the second fleet drive the new map while the system is upgraded to its next release, one by one."""
         for car in second:
             self.system.start_car(car)
-        self.becomes("the second fleet is on the road", lambda: all(car.outbox.exists() for car in second))
+        self.becomes("the second fleet is on the road", lambda: self._on_the_road(second))
         self.timeline("the second fleet has fetched the new map and is on the road")
         self.system.migrate_to_next()
         self.timeline("the schema is that of the next release; all services are still of this one")
@@ -190,6 +190,10 @@ class _Story:
             if time.monotonic() > deadline:
                 raise SystemFaultError(f"it took more than {self.plan.patience_s:g} s until: {what}")
             time.sleep(_POLL_S)
+
+    def _on_the_road(self, cars: Sequence[Car]) -> bool:
+        self.system.cars_under_way()  # to be told of one that failed
+        return all(car.outbox.exists() for car in cars)
 
     def _wait_until_fused(self) -> None:
         self.becomes("everything is fused", lambda: proof.pending(self.system) == 0)
