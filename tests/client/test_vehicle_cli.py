@@ -184,9 +184,8 @@ def test_a_map_by_name_is_fetched(folder: Path, vehicle, fake, faults, key) -> N
     assert "this is the copy of" in err
 
 
-def test_a_car_without_a_map_asks_again_as_long_as_it_waits(
-    folder: Path, vehicle, fake, faults, key, monkeypatch
-) -> None:
+@pytest.mark.usefixtures("key")
+def test_a_car_without_a_map_asks_again_as_long_as_it_waits(folder: Path, vehicle, fake, faults, monkeypatch) -> None:
     document = json.loads(Path("map.geojson").read_text()) | {"next": None}
     answers = [faults.problem(503), faults.problem(503), faults.Answer(200, document, {"ETag": '"1"'})]
     fake.pages = lambda query, _headers: answers.pop(0)
