@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -133,7 +134,7 @@ def test_docker_compose_up_shows_a_fleet_at_work(project: tuple[Path, dict[str, 
 )
 def test_images_hold_what_they_need_and_nothing_else(image: str, there: set[str], absent: set[str]) -> None:
     code = "import json, pkgutil; print(json.dumps([m.name for m in pkgutil.iter_modules()]))"
-    name = f"slamcu-{image}:0.1.0"
+    name = f"slamcu-{image}:{version('slamcu-server')}"
     modules = set(json.loads(_docker("run", "--rm", "--entrypoint", "/opt/slamcu/bin/python", name, "-c", code)))
     assert there <= modules
     assert not modules & (absent | {"pip", "pytest", "mypy", "hatchling", "setuptools"})
@@ -143,4 +144,4 @@ def test_images_hold_what_they_need_and_nothing_else(image: str, there: set[str]
     assert not tests.strip()
     labels = json.loads(_docker("inspect", name))[0]["Config"]["Labels"]
     assert labels["org.opencontainers.image.licenses"] == "Apache-2.0"
-    assert labels["org.opencontainers.image.version"] == "0.1.0"
+    assert labels["org.opencontainers.image.version"] == version("slamcu-server")

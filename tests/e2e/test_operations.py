@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -50,3 +51,10 @@ def test_every_service_and_limit_is_told() -> None:
     )
     table = set(re.findall(r"`([a-z0-9-]+)`", TEXT[: TEXT.index("Nothing runs as root")]))
     assert set(services) <= table
+
+
+def test_the_images_are_of_this_version() -> None:
+    named = set()
+    for name in ("docker-compose.yml", "docker-compose.override.yml"):
+        named |= set(re.findall(r"SLAMCU_VERSION:-([^}]+)}", (ROOT / name).read_text(encoding="utf-8")))
+    assert named == {version("slamcu-server")}

@@ -8,6 +8,7 @@ import subprocess
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -36,14 +37,15 @@ class ContainerSystem:
     port : where the API is published on this machine.
     """
 
-    def __init__(self, root: Path, home: Path, logs: Path, *, port: int = 18000, version: str = "0.1.0") -> None:
+    def __init__(self, root: Path, home: Path, logs: Path, *, port: int = 18000) -> None:
         self._root, self.home, self._logs = root, home, logs
         self._project = f"slamcu-e2e-{os.getpid()}"
         self._road = f"{self._project}-road"
-        self._version, self._next_version = version, f"{version}-next"
+        self._version = version("slamcu-server")
+        self._next_version = f"{self._version}-next"
         self._environment = {
             **{name: value for name, value in os.environ.items() if not name.startswith("SLAMCU_")},
-            "SLAMCU_VERSION": version,
+            "SLAMCU_VERSION": self._version,
             "SLAMCU_PORT": str(port),
             "SLAMCU_SECRETS": str(home / "secrets"),
             "COMPOSE_PROJECT_NAME": self._project,
