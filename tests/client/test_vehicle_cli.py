@@ -184,11 +184,11 @@ def test_a_map_by_name_is_fetched(folder: Path, vehicle, fake, faults, key) -> N
     assert "this is the copy of" in err
 
 
-@pytest.mark.usefixtures("key")
 def test_a_car_without_a_map_asks_again_as_long_as_it_waits(folder: Path, vehicle, fake, faults, monkeypatch) -> None:
     document = json.loads(Path("map.geojson").read_text()) | {"next": None}
     answers = [faults.problem(503), faults.problem(503), faults.Answer(200, document, {"ETag": '"1"'})]
     fake.pages = lambda query, _headers: answers.pop(0)
+    monkeypatch.setenv("SLAMCU_API_KEY", faults.key)
     monkeypatch.setattr("slamcu_client.commands._MAP_RETRY_S", 0.01)
     drive = ("drive", "--map-name", "test-road", "--log", "drive.jsonl", "--server", fake.url)
     assert vehicle(*drive)[0] == 0
