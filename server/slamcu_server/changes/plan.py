@@ -42,6 +42,8 @@ def plan(claims: Sequence[Claim], beliefs: Beliefs, known: Sequence[Published], 
         if transition is not None:
             why = {"withdrawn_because": _reason(claim)} if transition.state is State.WITHDRAWN else {}
             said.append(Said(transition.state, None if transition.opens else chosen, claim, why))
+            if chosen is not None and not transition.opens:
+                taken.add(chosen.id)  # a withdrawn one that comes back is nobody else's either
         if chosen is not None:
             because = {"withdrawn_because": Because.JOINED.value, "joined_into": chosen.id}
             said += [Said(State.WITHDRAWN, row, None, because) for row in joined]
