@@ -3,6 +3,7 @@
 from slamcu_core.aggregation.candidates import Clusters, cluster
 from slamcu_core.aggregation.columns import FoldedColumns, PassColumns, fold_columns
 from slamcu_core.aggregation.course import Course, Histories, discounted, fold_histories
+from slamcu_core.aggregation.decay import decayed, fades_at, kept_at
 from slamcu_core.aggregation.groups import connected_groups
 from slamcu_core.aggregation.law import (
     EPOCH_S,
@@ -13,11 +14,8 @@ from slamcu_core.aggregation.law import (
     Side,
     contributions,
     contributions_each,
-    decayed,
-    fades_at,
     fold,
     fold_each,
-    kept_at,
 )
 from slamcu_core.aggregation.pairing import Half, Pairing, pair
 from slamcu_core.aggregation.policy import ClassPolicy, Policy
