@@ -45,12 +45,16 @@ def law(results: dict[str, Figures]) -> Figure | None:
             label = f"enter {enter:g}, {count} contributors: {median:g} passes"
             new.plot(x, y, color=colour, linestyle=style, marker="o", label=label)
     new.set_xscale("log")
-    new.set_xlabel("passes that see a sign where none is, % (log scale)")
+    phantoms = sorted({100.0 * p["phantom_rate"] for p in own if p["side"] == "new"})
+    new.set_xticks(phantoms, [f"{rate:g}" for rate in phantoms])
+    new.minorticks_off()
+    new.set_xlabel("passes that see a sign where none is, %")
     new.set_ylabel("false new signs per 10,000 passes of a candidate")
     new.set_title("new; with the median of passes that a true one takes", fontsize=10)
     for ax in (deleted, new):
         ax.set_yscale("log")
         ax.axhline(0.1, color="0.6", linewidth=0.8)
+        ax.text(0.01, _NEVER, " none counted", transform=ax.get_yaxis_transform(), va="top", fontsize=8, color="0.4")
         ax.legend(frameon=False, fontsize=8)
     return figure
 

@@ -26,7 +26,7 @@ def law(results: dict[str, Figures]) -> str:
             number(p["detection_delay_over_bound"], 2),
         )
         for p in own
-        if p["side"] == "deleted"
+        if p["side"] == "deleted" and p["enter"] in {0.8, 0.85, 0.9, default["enter"]}
     ]
     head = (
         "deleted",
@@ -45,7 +45,7 @@ def law(results: dict[str, Figures]) -> str:
             _passes(p["passes_to_decision"]["fresh"]),
         )
         for p in own
-        if p["side"] == "new"
+        if p["side"] == "new" and p["phantom_rate"] in {0.005, 0.01, 0.02} and p["enter"] < 0.95
     ]
     return table_of(head, rows) + "\n\n" + table_of(("new", "false per 10⁴", "passes"), new)
 

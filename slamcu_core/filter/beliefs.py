@@ -49,15 +49,15 @@ class Beliefs:
         along and across the line of sight.
         """
         table = self._table
-        if table.kind[row] != Kind.NEW:
+        if table.slot[row] >= 0:
+            means, covariances = self._particles.collapse(table.slot[[row]])
+            xy, covariance = means[:, 0], covariances[:, 0]
+        elif table.kind[row] != Kind.NEW:
             covariance = inverse(table.seen_information[row].ravel()[[0, 1, 3]])
             xx, cross, yy = covariance.tolist()
             x, y = (table.seen_vector[row] - self._miscalibration(row)).tolist()
             xy = np.array([xx * x + cross * y, cross * x + yy * y])
             covariance += self._particles.place_covariance()
-        elif table.slot[row] >= 0:
-            means, covariances = self._particles.collapse(table.slot[[row]])
-            xy, covariance = means[:, 0], covariances[:, 0]
         else:
             xy, covariance = table.xy[row].copy(), table.covariance[row].copy()
         if table.view_weight[row] > 0.0:
@@ -67,7 +67,7 @@ class Beliefs:
     def _miscalibration(self, row: int) -> Array:
         """Return what the sensor's errors, as far as they are known now, have added to `seen_vector` (2,) of a row.
 
-        Own finds are estimated with the calibration; what the map or the cloud expects is only noted as it was shown.
+        What the particles place is estimated with the calibration; what the map has is only noted as it was shown.
         """
         scale, turn = (self._particles.calibration @ self._particles.weights).tolist()
         return np.asarray(scale / (1.0 + scale) * self._table.by_scale[row] + turn * self._table.by_turn[row])

@@ -13,7 +13,7 @@ from slamcu_core.filter.calibration import SensorCalibration
 from slamcu_core.filter.detections import Seen
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
-from slamcu_core.filter.table import FeatureTable
+from slamcu_core.filter.table import FeatureTable, Kind
 from slamcu_core.filter.view import View
 from slamcu_core.models import Jacobian, SensorModel, Sight
 
@@ -127,7 +127,8 @@ class FrameUpdate:
     def examine(self, view: View, columns: Index) -> CloseLook:
         """Look at A columns of the view from each particle's pose as it is now."""
         table, particles, model = self.table, self.particles, self.model
-        rows, own = view.rows[columns], (columns >= view.mapped).nonzero()[0]
+        rows = view.rows[columns]
+        own = (table.slot[rows] >= 0).nonzero()[0]  # finds, and watch features since they were first seen
         slots = table.slot[rows[own]]
         means = particles.means.take(slots, axis=1)
         place, direction = model.origin(particles.pose)
@@ -192,7 +193,10 @@ class FrameUpdate:
         return proposal.pays(view.by_motion[:, columns], variance)
 
     def update_new(self, matches: Matches, share: float) -> None:
-        """Update the car's own finds by their detections, in every particle (eq. 16)."""
+        """Update what the particles place by its detections, in every particle (eq. 16).
+
+        Those are the car's own finds, and watch features, of which nothing but their place is estimated.
+        """
         close, own = matches.close, matches.close.own
         if not len(own):
             return
@@ -206,8 +210,9 @@ class FrameUpdate:
             matches.noise[:, own, None] / share,
         )
         particles.means[:, close.slots], particles.covariances[:, close.slots] = means, covariances
-        # good enough to say whether a find is within reach
-        self.table.xy[close.rows[own]] = (np.add.reduce(means, axis=2) / len(particles)).T
+        # good enough to say whether a find is within reach; a watch feature is looked for where the cloud has it
+        found = self.table.kind[close.rows[own]] == Kind.NEW
+        self.table.xy[close.rows[own[found]]] = (np.add.reduce(means[:, found], axis=2) / len(particles)).T
 
     def calibrate(self, matches: Matches, usable: NDArray[np.bool_], share: float) -> None:
         """Learn the sensor's calibration from detections of Normal features of the map, by `usable` (A,)."""

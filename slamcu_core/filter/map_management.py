@@ -187,15 +187,8 @@ class MapManagement:
         alone = alone[: len(slots)]
         if not len(alone):
             return
-        particles, table = self._particles, self._table
-        measured = np.empty((2, len(alone), len(particles)))
-        measured[:] = seen.measurement[:, alone, None]
-        if model.has_bearing:
-            measured[0] /= 1.0 + particles.calibration[0]
-            measured[1] -= particles.calibration[1]
-        places, by_feature = model.born(particles.pose, measured)
-        particles.means[:, slots] = places
-        particles.covariances[:, slots] = birth_covariance(by_feature, seen.noise[:, alone, None] / now.share)
+        table = self._table
+        places = self._put(model, seen, alone, slots, now)
         rows = table.take(len(alone))
         for row in rows.tolist():
             self._votes.pop(row, None)  # of a find that had this row before and was left behind
@@ -205,7 +198,7 @@ class MapManagement:
         table.nominal[rows] = model.sensor.detection_probability
         table.born[rows] = now.t
         table.hits[rows] = 1
-        table.xy[rows] = (places @ particles.weights).T
+        table.xy[rows] = (places @ self._particles.weights).T
         table.axis[rows] = math.cos(now.reckoned[2]), math.sin(now.reckoned[2])
         table.origin[rows] = now.reckoned[:2]
         self._begin_passes(rows, now.t)
@@ -213,6 +206,33 @@ class MapManagement:
         table.detected[rows] = 1
         self._sight(model, rows, seen, alone, now)
         self._around.rows = np.concatenate([self._around.rows, rows])
+
+    def follow_watched(self, model: SensorModel, seen: Seen, matched: tuple[Index, Index], now: Instant) -> None:
+        """Let the particles place the watch features among detected rows (A,) from their first sighting of a pass on.
+
+        So what corrects the pose later corrects the place that is reported, as it does for a find.
+        """
+        detections, rows = matched
+        table = self._table
+        new = ((table.kind[rows] == Kind.WATCH) & (table.slot[rows] < 0)).nonzero()[0]
+        slots = self._around.free_slots(self._particles)[: len(new)]
+        new = new[: len(slots)]
+        if len(new):
+            self._put(model, seen, detections[new], slots, now)
+            table.slot[rows[new]] = slots
+
+    def _put(self, model: SensorModel, seen: Seen, detections: Index, slots: Index, now: Instant) -> Array:
+        """Place detections (A,) in slots of every particle, and return where, (2, A, M)."""
+        particles = self._particles
+        measured = np.empty((2, len(detections), len(particles)))
+        measured[:] = seen.measurement[:, detections, None]
+        if model.has_bearing:
+            measured[0] /= 1.0 + particles.calibration[0]
+            measured[1] -= particles.calibration[1]
+        places, by_feature = model.born(particles.pose, measured)
+        particles.means[:, slots] = places
+        particles.covariances[:, slots] = birth_covariance(by_feature, seen.noise[:, detections, None] / now.share)
+        return places
 
     def forget_refuted(self, rows: Index) -> None:
         """Forget finds that the evidence speaks against before anybody was told of them."""
@@ -236,6 +256,7 @@ class MapManagement:
             self._forget(row)
         table.weight_for[:] = table.weight_against[:] = 0.0
         table.open[:] = False
+        table.slot[table.kind == Kind.WATCH] = -1
         self._around.forget_behind()
         self.open.clear()
 

@@ -255,6 +255,7 @@ class SlamcuFilter:
         if len(rows):
             update.calibrate(matches, usable, now.share)
             update.update_new(matches, now.share)
+            management.follow_watched(sensor.model, seen, (detections, rows), now)
             table.looks_hit[rows] += now.share
         management.forget_refuted(view.rows)
         if len(detections) < len(columns):
@@ -311,6 +312,8 @@ class SlamcuFilter:
         for row in self._management.end_passes(rows):
             seen = table.detected[row] or table.kind[row] == Kind.NEW
             report = self._reporter.report(row, self._beliefs.position(row) if seen else None)
+            if table.kind[row] == Kind.WATCH:
+                table.slot[row] = -1
             if report is not None:
                 reports.append(report)
         return reports
