@@ -1,24 +1,9 @@
 """The parameters of the cloud's evidence law, per feature class, as a document with a version.
 
-The start values, measured over full passes of different cars, λ_HD 0.95 (the functions in
-`tests/core/test_aggregation_regime.py` are the measurement: call them with other values to choose others):
-
-=================================================  =======  =======  =======
-threshold `enter`                                    0.79     0.80     0.85
-=================================================  =======  =======  =======
-unanimous misses that delete a fresh feature            3        4        4
-false deletions per 10⁴ passes, 5 % misses
-    first 10 passes of a fresh map, exactly          0.20     0.07     0.03
-    long run (1.8·10⁷ passes)                        0.03     0.03     0.01
-the same, 10 % misses, long run                      1.0      0.9      0.4
-passes to see a deletion, median (95 %)
-    fresh map                                       3 (5)    4 (6)    4 (6)
-    after 30 passes that saw it                     5 (7)    5 (7)    5 (7)
-=================================================  =======  =======  =======
-
-The goal is less than 0.1 false deletions per 10⁴ passes at 5 % misses. A threshold that three unanimous full misses
-reach (0.794 at α 0.7, γ 0.8) breaks it while a map is fresh, and saves no pass once a feature has been confirmed. So
-the threshold is 0.8, and it takes four; the minimum of three contributors guards against one car that comes again.
+The defaults are chosen from the curves of `slamcu-eval law`, which docs/fleet.md holds: false changes against passes to
+a decision, beside the least delay possible. At 5 % misses and a threshold of 0.8 four unanimous misses delete a fresh
+feature; three (0.794 at α 0.7, γ 0.8) would be wrong three times as often while a map is fresh, and would save no pass
+once a feature has been confirmed. `tests/core/test_aggregation_regime.py` keeps the defaults to their goals.
 """
 
 from __future__ import annotations
