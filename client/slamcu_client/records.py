@@ -43,7 +43,7 @@ def check_record(record: Record, sensors: Mapping[str, Sensor], *, wheelbase_kno
             raise SessionError(f"no sensor {record.sensor!r} in the header (known: {', '.join(sensors) or 'none'})")
         if isinstance(record, DetectionFrame):
             for index, item in enumerate(record.items):
-                _check_detection(item, f"items[{index}]", sensor.kind)
+                _check_detection(item, index, sensor.kind)
         elif isinstance(record, ObjectFrame):
             for index, occluder in enumerate(record.items):
                 _check_occluder(occluder, f"items[{index}]")
@@ -60,14 +60,20 @@ def _check_odometry(record: Odometry, *, wheelbase_known: bool) -> None:
         raise SessionError("steering needs wheelbase_m in the header")
 
 
-def _check_detection(item: Detection, field: str, kind: SensorKind) -> None:
+def _check_detection(item: Detection, index: int, kind: SensorKind) -> None:
+    # names are put together only for what is wrong: this is done for every detection of a drive
     if kind is SensorKind.RANGE_BEARING:
-        _require(item.range is not None and 0.0 < item.range < math.inf, f"{field}.range", item.range, "metres above 0")
-        _require(item.bearing is not None and math.isfinite(item.bearing), f"{field}.bearing", item.bearing, "radians")
+        if item.range is None or not 0.0 < item.range < math.inf:
+            raise _wrong(f"items[{index}].range", item.range, "metres above 0")
+        if item.bearing is None or not math.isfinite(item.bearing):
+            raise _wrong(f"items[{index}].bearing", item.bearing, "radians")
     else:
-        for name, value in (("x", item.x), ("y", item.y)):
-            _require(value is not None and math.isfinite(value), f"{field}.{name}", value, "metres")
-    _require(0.0 <= item.confidence <= 1.0, f"{field}.confidence", item.confidence, "a number in [0, 1]")
+        if item.x is None or not math.isfinite(item.x):
+            raise _wrong(f"items[{index}].x", item.x, "metres")
+        if item.y is None or not math.isfinite(item.y):
+            raise _wrong(f"items[{index}].y", item.y, "metres")
+    if not 0.0 <= item.confidence <= 1.0:
+        raise _wrong(f"items[{index}].confidence", item.confidence, "a number in [0, 1]")
 
 
 def _check_occluder(item: Occluder, field: str) -> None:
@@ -78,4 +84,8 @@ def _check_occluder(item: Occluder, field: str) -> None:
 
 def _require(holds: bool, field: str, value: object, expected: str) -> None:
     if not holds:
-        raise SessionError(f"{field} must be {expected}, not {value}")
+        raise _wrong(field, value, expected)
+
+
+def _wrong(field: str, value: object, expected: str) -> SessionError:
+    return SessionError(f"{field} must be {expected}, not {value}")

@@ -29,7 +29,8 @@ def draw_all(results: dict[str, Figures], folder: Path) -> dict[str, Path]:
 
     Parameters
     ----------
-    results : the JSON of commands by the name of their file: ``paper``, ``mrclam-150``, ``mrclam-600``, ``bench``,
+    results : the JSON of commands by the name of their file: ``paper``, ``mrclam-150``, ``mrclam-600``,
+        ``bench-curves``,
         ``law``, ``fleet``, ``fleet-common-bias``.
 
     Returns the files by the name of the plot.
@@ -158,25 +159,25 @@ def _sample(paper: Figures, what: str) -> str:
 
 
 def step_time(results: dict[str, Figures]) -> Figure | None:
-    """Draw the time of a step by the size of the map and by the length of the drive."""
-    curves = results.get("bench", {}).get("curves")
-    if not curves:
+    """Draw the time of a step by the size of the map and the length of the drive, and what a long session holds."""
+    bench = results.get("bench-curves")
+    if not bench:
         return None
-    figure, (by_map, by_drive) = axes(10.0, 4.0, 2, sharey=True)
+    figure, (by_map, by_drive, memory) = axes(12.0, 4.0, 3)
     for ax, name, label in (
         (by_map, "map_size", "features in the map"),
-        (by_drive, "drive_length", "kilometres driven"),
+        (by_drive, "drive_length", "kilometres driven before"),
     ):
-        points = curves[name]
-        x = [p["x"] for p in points]
-        ax.plot(x, [p["mean_ms"] for p in points], color=BLUE, marker="o", label="mean")
-        ax.plot(x, [p["p99_ms"] for p in points], color=ORANGE, marker="s", linestyle="--", label="99th percentile")
+        steps = {float(at): ms for at, ms in bench[name]["step_ms"].items()}
+        ax.plot(list(steps), list(steps.values()), color=BLUE, marker="o")
         ax.set_xscale("log")
         ax.set_xlabel(label)
-    by_map.set_ylim(bottom=0.0)
-    by_map.set_ylabel("time of a step, ms")
-    by_map.legend(frameon=False)
-    figure.suptitle("Time of a step by the size of the map and by the length of the drive", fontsize=10)
+        ax.set_ylabel("time of a step, ms (median of rounds in turn)")
+        ax.set_ylim(bottom=0.0, top=1.5 * max(steps.values()))
+    memory.plot(bench["memory"]["hours"], bench["memory"]["memory_mb"], color=BLUE, marker="o")
+    memory.set_xlabel("hours driven")
+    memory.set_ylabel("what the filter holds beside the map, MB")
+    memory.set_ylim(bottom=0.0)
     return figure
 
 

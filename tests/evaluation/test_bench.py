@@ -34,7 +34,9 @@ def test_the_command_prints_and_writes_the_same_figures(tmp_path: Path, capsys: 
     assert 7.0 < figures["scene"]["scene"]["detections"] < 13.0
     assert 27.0 < figures["scene"]["scene"]["map_features_in_view"] < 33.0
     assert 40.0 < figures["scene"]["scene"]["live_finds"] < 60.0
-    assert figures["kernel"]["peer_over_numpy"] > 0.0
+    kernel = figures["scene"]["kernel"]
+    assert kernel["peer_over_step"] * kernel["step_over_numpy"] == pytest.approx(kernel["peer_over_numpy"])
+    assert figures["scene"]["step_ms"]["20"]["processor_mean"] > 0.0
     step = figures["filter_step"]["20"]
     assert step["steps"] > 1000
     assert 0.0 < step["p50_ms"] <= step["p99_ms"]

@@ -102,8 +102,9 @@ def test_reliability_compares_belief_with_what_stood() -> None:
 def results(outcomes: list[Outcome], tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("results")
     write_json(folder / "paper.json", paper_figures(outcomes, 40))
-    curve = [{"x": x, "mean_ms": 0.5, "p99_ms": 1.5} for x in (1, 10, 100)]
-    write_json(folder / "bench.json", {"curves": {"map_size": curve, "drive_length": curve}})
+    curve = {"step_ms": {"1": 0.5, "10": 0.5, "100": 0.6}}
+    memory = {"hours": [0.0, 1.0, 2.0], "memory_mb": [0.5, 1.0, 1.0]}
+    write_json(folder / "bench-curves.json", {"map_size": curve, "drive_length": curve, "memory": memory})
     return folder
 
 

@@ -1,15 +1,13 @@
-"""Equations 16-19 alone, by the filter's arrays and by its peer in loops, in turn on the same inputs."""
+"""Equations 16-19 alone, by the filter's arrays and by its peer in loops, on the same inputs."""
 
 from __future__ import annotations
 
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
 from slamcu_core.models import SensorModel
 from slamcu_eval.bench.peer import StepInput, numpy_step, peer_step
-from slamcu_eval.bench.rounds import interleave
 from slamcu_eval.bench.scene import CAMERA
 
 _KNOWN, _NEW = 8, 2  # of the 10 detections of the scene's frame
@@ -46,21 +44,22 @@ def step_input(particles: int, known: int, new: int, rng: np.random.Generator) -
     )
 
 
-def bench_kernel(particles: int, rounds: int, seed: int) -> dict[str, Any]:
-    """Return the time of eq. 16-19 by arrays and by the peer, in ms, and how much longer the peer takes."""
-    step, model = step_input(particles, _KNOWN, _NEW, np.random.default_rng(seed)), SensorModel(CAMERA)
+class Kernel:
+    """Equations 16-19 for the detections of one frame; either way returns how often a second it can be done."""
 
-    def arrays() -> float:
+    def __init__(self, particles: int, seed: int) -> None:
+        self._step = step_input(particles, _KNOWN, _NEW, np.random.default_rng(seed))
+        self._model = SensorModel(CAMERA)
+
+    def arrays(self) -> float:
+        """Do them by the filter's own operations on arrays."""
         begin = perf_counter()
         for _ in range(_REPEATS):
-            numpy_step(model, step)
+            numpy_step(self._model, self._step)
         return _REPEATS / (perf_counter() - begin)
 
-    def loops() -> float:
+    def loops(self) -> float:
+        """Do them by the peer, one particle after the other."""
         begin = perf_counter()
-        peer_step(step)
+        peer_step(self._step)
         return 1.0 / (perf_counter() - begin)
-
-    rates = interleave({"numpy": arrays, "peer": loops}, rounds)
-    times = {name: 1e3 / rate.median for name, rate in rates.items()}
-    return {"ms": times, "peer_over_numpy": times["peer"] / times["numpy"], "particles": particles, "rounds": rounds}

@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import islice
 from statistics import median
-from time import perf_counter
+from time import perf_counter, thread_time
 from typing import Any
 
 import numpy as np
 
 from slamcu_core.drive import DetectionFrame, Record
 from slamcu_core.filter import FilterParameters, SlamcuFilter
+from slamcu_eval.bench.kernel import Kernel
 from slamcu_eval.bench.rounds import interleave
 from slamcu_eval.bench.scene import HEADER, RATE_HZ, SETTLE_S, SPEED, Scene, in_view
 
@@ -31,6 +32,7 @@ class SceneCar:
             self.scene.hd_map(), HEADER, FilterParameters(particles=particles), rng=np.random.default_rng(seed + 1)
         )
         self.times_ms: list[float] = []
+        self.processor_ms: list[float] = []
         self.detections: list[int] = []
         self.mapped_in_view: list[int] = []
         self.live_finds: list[int] = []
@@ -41,26 +43,35 @@ class SceneCar:
         """Do the steps of a round and return steps per second."""
         begin = len(self.times_ms)
         for step in islice(self._steps, _ROUND_STEPS):
-            self.times_ms.append(1e3 * self._take(step))
+            wall, processor = self._take(step)
+            self.times_ms.append(1e3 * wall)
+            self.processor_ms.append(1e3 * processor)
             self.detections.append(len(step[-1].items))  # type: ignore[union-attr]  # a step ends with its frame
             ahead = self.scene.mapped - [SPEED * step[-1].t, 0.0]
             self.mapped_in_view.append(int(in_view(ahead).sum()))
             self.live_finds.append(self._car.live_finds)
         return 1e3 / float(np.mean(self.times_ms[begin:]))
 
-    def _take(self, step: list[Record]) -> float:
-        begin = perf_counter()
+    def _take(self, step: list[Record]) -> tuple[float, float]:
+        """Take a step and return what it took of the clock and of the processor, s."""
+        wall, processor = perf_counter(), thread_time()
         for record in step:
             self._car.feed(record)
-        return perf_counter() - begin
+        return perf_counter() - wall, thread_time() - processor
 
 
 def bench_scene(particles: Sequence[int], rounds: int, seed: int) -> dict[str, Any]:
-    """Return the step's median over rounds of their means, its median and its 99th percentile (ms), and the scene."""
+    """Return the step's median over rounds of their means, its median and its 99th percentile (ms), and the scene.
+
+    In turn with the steps, eq. 16-19 alone are done for a frame's detections, by arrays and by the peer in loops: what
+    a step costs in units of these does not depend on who else is using the machine.
+    """
     cars = {count: SceneCar(count, _ROUND_STEPS * (rounds + 2), seed) for count in particles}
+    kernel = Kernel(particles[0], seed)
     ways: dict[str, Callable[[], float]] = {str(count): partial(SceneCar.go, car) for count, car in cars.items()}
-    rates = interleave(ways, rounds)
+    rates = interleave(ways | {"numpy": kernel.arrays, "peer": kernel.loops}, rounds)
     one = next(iter(cars.values()))
+    own = rates[str(particles[0])].median
     return {
         "scene": {
             "detections": float(np.mean(one.detections)),
@@ -72,9 +83,18 @@ def bench_scene(particles: Sequence[int], rounds: int, seed: int) -> dict[str, A
                 "mean": median(1e3 / rate for rate in rates[str(count)].per_round),
                 "p50": float(np.percentile(car.times_ms, 50)),
                 "p99": float(np.percentile(car.times_ms, 99)),
+                "processor_mean": float(np.mean(car.processor_ms)),
+                "processor_p99": float(np.percentile(car.processor_ms, 99)),
                 "steps": len(car.times_ms),
             }
             for count, car in cars.items()
+        },
+        "kernel": {
+            "ms": {name: 1e3 / rates[name].median for name in ("numpy", "peer")},
+            "peer_over_numpy": rates["numpy"].median / rates["peer"].median,
+            "step_over_numpy": rates["numpy"].median / own,
+            "peer_over_step": own / rates["peer"].median,
+            "particles": particles[0],
         },
         "rounds": rounds,
     }
