@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 _LN_2 = float(np.log(2.0))
 _SCALE_ERROR = 0.06  # of our own speed; how fast a still sign may seem to move for errors of range
 _SLOWEST_MOVER = 0.5  # of our own speed; what moves along with traffic moves at least so fast
-_PERSISTENCE = 0.35  # of the sensor's P_D; one real pass in fifty falls below, for misses come in bursts
+_PERSISTENCE = 0.2  # of the sensor's P_D; one real pass in a thousand falls below (Beta, four looks)
 
 
 class State(StrEnum):
@@ -98,7 +98,8 @@ def stands_still(
     """Return whether rows have proven to stand still.
 
     Signs painted on lorries look like signs. Each row keeps a weighted regression of its place along the road on
-    time; it is proven when its speed agrees with 0 and no longer with the slowest mover (chi-square 9 and 6 beyond).
+    time; it is proven when its speed agrees with 0 (chi-square 9) and is ten times as likely to be that as the slowest
+    mover's.
     A wrong scale of range looks like a speed in proportion to our own.
     """
     w, wt, wtt, wy, wty = table.track[rows].T
@@ -110,7 +111,7 @@ def stands_still(
     mover = max(parameters.mover_speed, _SLOWEST_MOVER * abs(own_speed))
     at_rest = speed**2 / variance
     moving = np.maximum(mover - speed, 0.0) ** 2 / variance
-    return np.asarray(known & (at_rest < 9.0) & (moving - at_rest > 6.0))
+    return np.asarray(known & (at_rest < 9.0) & (moving - at_rest > 4.6))
 
 
 def shows_itself(table: FeatureTable, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
