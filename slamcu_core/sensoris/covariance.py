@@ -90,7 +90,8 @@ def _matrix(matrix: base_pb2.Int64Matrix3x3) -> Array:
 
 def _checked(matrix: base_pb2.Int64Matrix3x3) -> tuple[float, float, float]:
     """Return the horizontal part [xx, xy, yy] in mm². Raises WireError unless it is a covariance."""
-    xx, xy, yx, yy = (float(each.value) for each in (matrix.a11, matrix.a12, matrix.a21, matrix.a22))
+    xx, xy = float(matrix.a11.value), float(matrix.a12.value)
+    yx, yy = float(matrix.a21.value), float(matrix.a22.value)
     if xy != yx or not (xx > 0 and xx * yy - xy * xy > 0):
         raise WireError(
             "bad-covariance",

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import Protocol
 
 from sqlalchemy import text
@@ -23,7 +24,7 @@ class Outcome(StrEnum):
     CONFLICT = "conflicting-bytes"  # its ids were there already, with other bytes
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class LogEntry:
     """A message to append: its ids within the account, and its bytes."""
 
@@ -36,7 +37,7 @@ class LogEntry:
         """The ids that make it one message of its account."""
         return self.session_id, self.message_id
 
-    @property
+    @cached_property
     def sha256(self) -> bytes:
         """The hash that tells a repetition from a contradiction."""
         return hashlib.sha256(self.body).digest()

@@ -88,8 +88,7 @@ async def _log(log: MessageLog, account_id: int, messages: Sequence[_Readable]) 
 
 async def _refuse_unknown(connection: AsyncConnection, messages: Sequence[_Readable]) -> list[Rejection]:
     """Return rejections of the messages that name a map, version or feature that has never been here."""
-    map_ids = await repository.find_maps(connection, {one.report.map_identity.source for one in messages})
-    versions = await repository.find_versions(connection, {one.report.map_identity for one in messages})
+    map_ids, versions = await repository.find_maps(connection, {one.report.map_identity for one in messages})
     named: set[tuple[bool, int, int]] = {
         (reference.watched, map_ids[one.report.map_identity.source], reference.object_id)
         for one in messages
