@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from slamcu_eval.bench import aggregation
+from slamcu_eval.bench.cloud import Cloud
 from slamcu_eval.bench.rounds import interleave
+from slamcu_eval.bench.server import bench_cluster
 from slamcu_eval.cli import run
+from slamcu_eval.commands.bench import _CLOUD, Scale
+from slamcu_server.aggregation import reads, windows
+from slamcu_server.database.embedded import EmbeddedCluster
+from slamcu_server.database.engine import create_engine
 
 
 def test_the_ways_take_turns_and_none_always_goes_first() -> None:
@@ -45,13 +54,38 @@ def test_the_command_prints_and_writes_the_same_figures(tmp_path: Path, capsys: 
 
 @pytest.mark.slow
 def test_the_server_is_measured_with_everything_taken_and_fused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setitem(_CLOUD, Scale.SMALL, {"aggregation": (1_000, 2), "seconds": 2.0})
+    monkeypatch.setattr(aggregation, "_CEILING_S", 0.2)
     file = tmp_path / "bench.json"
-    small = ["--rounds", "1", "--requests", "4", "--batches", "1"]
+    small = ["--rounds", "1", "--requests", "4", "--messages", "20"]
     assert run(["bench", "--only", "server", *small, "--json", str(file)]) == 0
     figures = json.loads(file.read_text())
-    rates = figures["ingest"]["messages_per_s"]
-    assert figures["ingest"]["http_over_insert"] == pytest.approx(rates["http"]["median"] / rates["insert"]["median"])
-    assert figures["aggregation"]["passes_per_s"]["median"] > 0.0
-    assert f"{rates['http']['median']:,.0f}" in capsys.readouterr().out
+    ingest, fused = figures["ingest"]["messages_per_s"], figures["aggregation"]
+    assert figures["ingest"]["http_over_insert"] == pytest.approx(ingest["http"]["median"] / ingest["insert"]["median"])
+    rates = {name: rate["median"] for name, rate in fused["per_s"].items()}
+    assert fused["two_workers_over_slower_ceiling"] == pytest.approx(
+        rates["two_workers"] / min(rates["upsert"], rates["match"])
+    )
+    assert figures["latency"]["probes"] > 0
+    assert 0.0 < figures["latency"]["seconds"]["median"] <= figures["latency"]["seconds"]["p95"]
+    assert f"{ingest['http']['median']:,.0f}" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_history_that_is_filled_in_is_what_passes_would_have_left() -> None:
+    async def windows_of(cluster: EmbeddedCluster) -> tuple[list[Any], list[Any]]:
+        cloud = await Cloud.make(cluster, "history", 20, stored_per_feature=3)
+        engine = create_engine(cloud.url)
+        async with engine.connect() as connection:
+            passes = await reads.passes_over_features(connection, None)
+            features = await reads.windowed_features(connection, dict.fromkeys(passes, 0))
+        await engine.dispose()
+        stored = [sorted(windows.unpack([each.window or b""]).tolist()) for each in features]
+        return stored, [sorted(windows.pack(passes[each.id]).tolist()) for each in features]
+
+    with bench_cluster() as cluster:
+        stored, wanted = asyncio.run(windows_of(cluster))
+    assert len(stored) == 20
+    assert stored == wanted

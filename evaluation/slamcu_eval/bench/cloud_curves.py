@@ -34,10 +34,12 @@ def _curve(cluster: EmbeddedCluster, name: str, steps: Sequence[tuple[int, int, 
         for label, features, stored in steps
     }
     rates = interleave({label: bench.fused_by(1) for label, bench in benches.items()}, load.rounds)
-    costs = {label: 1e6 / rate.median for label, rate in rates.items()}
+    used = {label: sum(bench.processor_time().values()) for label, bench in benches.items()}
+    smallest, largest = str(steps[0][0]), str(steps[-1][0])
     return {
-        "microseconds": costs,
-        "largest_over_smallest": costs[str(steps[-1][0])] / costs[str(steps[0][0])],
+        "microseconds": {label: 1e6 / rate.median for label, rate in rates.items()},
+        "processor_us": used,
+        "largest_over_smallest": used[largest] / used[smallest] if used[smallest] else None,
         "rounds": load.rounds,
         "messages_per_round": load.messages,
     }

@@ -23,8 +23,11 @@ _PUT_ASIDE = "SELECT count(*), max(error) FROM messages WHERE state = 'quarantin
 
 
 @asynccontextmanager
-async def working(database_url: str, count: int, connection: asyncpg.Connection[Any]) -> AsyncIterator[None]:
-    """Run a number of workers, all listening when this is entered. Raises SlamcuError if one does not start or stop."""
+async def working(database_url: str, count: int, connection: asyncpg.Connection[Any]) -> AsyncIterator[list[int]]:
+    """Run a number of workers, all listening when this is entered, and give their process ids.
+
+    Raises SlamcuError if one does not start.
+    """
     environment = {name: value for name, value in os.environ.items() if not name.startswith("SLAMCU_")}
     environment |= {"SLAMCU_DATABASE_URL": database_url, "SLAMCU_LOG_LEVEL": "warning"}
     environment |= {"SLAMCU_PASSES_PER_S": "0"}  # a few vehicles stand for many
@@ -40,7 +43,7 @@ async def working(database_url: str, count: int, connection: asyncpg.Connection[
             if perf_counter() > deadline or any(process.poll() is not None for process in processes):
                 raise SlamcuError("a worker did not start")
             await asyncio.sleep(_LOOK_S)
-        yield
+        yield [process.pid for process in processes]
     finally:
         for process in processes:
             process.terminate()
@@ -50,6 +53,12 @@ async def working(database_url: str, count: int, connection: asyncpg.Connection[
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+
+
+async def backends(connection: asyncpg.Connection[Any]) -> list[int]:
+    """Return the process ids of PostgreSQL that serve the workers."""
+    query = "SELECT pid FROM pg_stat_activity WHERE datname = current_database() AND application_name = 'slamcu-worker'"
+    return [row["pid"] for row in await connection.fetch(query)]
 
 
 async def until_fused(connection: asyncpg.Connection[Any], *, patience_s: float = 600.0) -> None:

@@ -141,9 +141,9 @@ def _cloud_curves(cluster: EmbeddedCluster, reach: dict[str, Any], load: Load) -
         ("Cost of an evidence against the size of the map", "map features", size),
         (f"The same against what is stored about {stored['map_features']:,} map features", "contributions", stored),
     ):
-        table = _table(title, (name, "cost"))
+        table = _table(title, (name, "cost by the clock", "processor time"))
         for label, cost in curve["microseconds"].items():
-            table.add_row(f"{int(label):,}", f"{cost:,.0f} µs")
+            table.add_row(f"{int(label):,}", f"{cost:,.0f} µs", f"{curve['processor_us'][label]:,.0f} µs")
         console.print(table)
     return {"cloud_map_size": size, "cloud_stored": stored}
 
@@ -239,4 +239,12 @@ def _server_table(ingest: dict[str, Any], aggregation: dict[str, Any]) -> Table:
     table.add_row("ingest over bare insert", f"{ingest['http_over_insert']:.2f}", "", "")
     share = aggregation["two_workers_over_slower_ceiling"]
     table.add_row("two workers over the slower ceiling", f"{share:.2f}", "", "")
+    used = aggregation["processor_us"]
+    for name, label in (
+        ("worker", "processor time of an evidence: worker"),
+        ("database", "the same: database"),
+        ("upsert", "processor time of a row: upsert"),
+        ("match", "processor time of a point: match"),
+    ):
+        table.add_row(label, f"{used[name]:,.0f} µs", "", "")
     return table

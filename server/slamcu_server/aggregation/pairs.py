@@ -102,11 +102,14 @@ async def candidates_beside(
     result = await connection.execute(
         text(f"""
         SELECT c.id, c.map_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat
-        FROM candidates c JOIN passes p ON p.id = c.founding_pass
-        WHERE c.merged_into IS NULL AND c.feature_id IS NULL AND (c.id = ANY(CAST(:ids AS bigint[])) OR c.id IN (
+        FROM (
+            SELECT unnest(CAST(:ids AS bigint[])) AS id UNION
             SELECT near.id FROM {unnest(_PLACE_TYPES)} CROSS JOIN LATERAL (
                 SELECT id FROM candidates WHERE geom && {reads.box("r")} AND map_id = r.map_id
-                AND merged_into IS NULL AND feature_id IS NULL {reads.PROBE}) near))"""),  # noqa: S608  (constants)
+                AND merged_into IS NULL AND feature_id IS NULL {reads.PROBE}) near
+        ) asked
+        JOIN candidates c ON c.id = asked.id JOIN passes p ON p.id = c.founding_pass
+        WHERE c.merged_into IS NULL AND c.feature_id IS NULL"""),  # noqa: S608  (constants)
         {**arrays(_PLACE_TYPES, rows), "reach": reads.degrees(reach_m), "ids": sorted(set(ids))},
     )
     return {row.id: (row.map_id, row.lon, row.lat) for row in result}
