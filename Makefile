@@ -30,8 +30,8 @@ lint: setup ## Check style, types and the import rules
 	$(BIN)/mypy --strict
 	$(BIN)/lint-imports
 
-bench: setup ## Measure the filter's step and its curves, the ingest and the aggregation on this machine
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/slamcu-eval bench $(BENCH_ARGS)
+bench: setup ## Measure the filter, the ingest and the aggregation on this machine, with their curves (SCALE=full: the largest sizes)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/slamcu-eval bench $(if $(SCALE),--scale $(SCALE)) $(BENCH_ARGS)
 
 figures: setup ## Measure again what the documentation quotes (STAGES='paper plots'; MRCLAM_DIR=...: recorded robots too)
 	@scripts/figures $(STAGES)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -133,6 +134,7 @@ def _server(cluster: EmbeddedCluster, reach: dict[str, Any], requests: int, load
 
 
 def _cloud_curves(cluster: EmbeddedCluster, reach: dict[str, Any], load: Load) -> dict[str, Any]:
+    load = replace(load, rounds=min(load.rounds, 3), messages=min(load.messages, 500))
     error_console.print("cloud: maps of different sizes")
     size = cloud_map_curve(cluster, reach["sizes"], load)
     error_console.print("cloud: more and more that is stored")
