@@ -19,6 +19,7 @@ from slamcu_eval.statistics import cluster_interval, summarize
 
 KINDS = ("new", "deleted", "moved", "modified")
 _BINS = 10
+_VERIFIED = 2  # vehicles that have looked at a candidate before its belief is called one
 _STANDS_ELSEWHERE = {"moved", "modified"}
 
 Counts = list[tuple[int, int, int]]  # per road: right, claimed, true
@@ -53,6 +54,7 @@ def _of_size(pairs: Sequence[tuple[RoadResult, Reading]]) -> dict[str, Any]:
     oracle: list[float] = []
     decided: dict[str, list[float]] = {"new": [], "deleted": []}
     beliefs: dict[str, list[tuple[float, bool]]] = {kind: [] for kind in KINDS}
+    phantoms = 0
     for result, reading in pairs:
         facts = facts_of(result.world)
         claims = [one.claim for one in reading.statements]
@@ -60,6 +62,7 @@ def _of_size(pairs: Sequence[tuple[RoadResult, Reading]]) -> dict[str, Any]:
         for kind in KINDS:
             counts[kind].append(_count(kind, told, facts, claims))
         new = [match for match in told.matches if facts[match.fact].kind == "new"]
+        phantoms += _phantoms(facts, claims)
         errors += [match.error_m for match in new]
         inside += [match.inside for match in new if match.inside is not None]
         oracle += _oracle_errors(result, facts, [match.fact for match in new], reading.vehicles)
@@ -81,6 +84,8 @@ def _of_size(pairs: Sequence[tuple[RoadResult, Reading]]) -> dict[str, Any]:
             for kind, passes in decided.items()
         },
         "ece": {kind: balanced_ece(beliefs[kind]) for kind in KINDS},
+        "unverified_candidates": sum(_unverified(reading.statements) for _, reading in pairs),
+        "new_phantoms": phantoms,
     }
 
 
@@ -118,6 +123,18 @@ def _oracle_errors(result: RoadResult, facts: Sequence[Fact], found: Iterable[in
     return errors
 
 
+def _unverified(statements: Sequence[Statement]) -> int:
+    return sum(one.claim.object_id is None and one.looked < _VERIFIED for one in statements)
+
+
+def _phantoms(facts: Sequence[Fact], claims: Sequence[Claim]) -> int:
+    """Count claims of new signs where nothing stands that the map lacks: neither new, nor moved there, nor modified."""
+    there = np.array([f.place for f in facts if f.kind in {"new", *_STANDS_ELSEWHERE}], float).reshape(-1, 2)
+    return sum(
+        not (np.hypot(*(there - claim.place).T) <= HIGHWAY_RADIUS_M).any() for claim in claims if claim.state == "new"
+    )
+
+
 def _decisions(facts: Sequence[Fact], statements: Sequence[Statement], told: Score) -> dict[str, list[float]]:
     by_id = {one.claim.object_id: one for one in statements if one.claim.object_id is not None}
     found = {match.fact: statements[match.claim] for match in told.matches}
@@ -133,7 +150,8 @@ def _beliefs(facts: Sequence[Fact], statements: Sequence[Statement]) -> dict[str
     """Return for each kind of change beliefs in existence, and whether the thing exists: changed and unchanged ones.
 
     Of deleted, moved and modified signs the belief is in the sign as the map has it, beside all unchanged signs; of new
-    ones it is in the candidates, beside those where no sign stands.
+    ones it is in the candidates, beside those where no sign stands. A candidate of which only the car that found it has
+    told yet is a question to the next cars: those are counted apart (`_unverified`).
     """
     by_id = {one.claim.object_id: one for one in statements if one.claim.object_id is not None}
     unchanged = [(by_id[f.object_id].belief, True) for f in facts if f.kind == "normal" and f.object_id in by_id]
@@ -141,7 +159,7 @@ def _beliefs(facts: Sequence[Fact], statements: Sequence[Statement]) -> dict[str
         kind: [(by_id[f.object_id].belief, False) for f in facts if f.kind == kind and f.object_id in by_id] + unchanged
         for kind in ("deleted", "moved", "modified")
     }
-    candidates = [one for one in statements if one.claim.object_id is None]
+    candidates = [one for one in statements if one.claim.object_id is None and one.looked >= _VERIFIED]
     as_new = [Claim("new", one.claim.place) for one in candidates]
     stands = {match.claim: facts[match.fact].kind for match in score(facts, as_new, radius_m=HIGHWAY_RADIUS_M).matches}
     changed = np.array([f.place for f in facts if f.kind in _STANDS_ELSEWHERE], float).reshape(-1, 2)

@@ -21,6 +21,7 @@ class Statement:
     claim: Claim  # of a candidate that is no change: unclassified, without an object id
     belief: float  # e + u/2 that it exists; of a map feature as it is mapped
     decided_after: int | None  # informative contributions until the change stood; None: it does not stand
+    looked: int  # vehicles that saw it or could have
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,7 @@ class Reading:
         return cls(
             document["vehicles"],
             tuple(
-                Statement(claim_from(one["claim"]), one["belief"], one["decided_after"])
+                Statement(claim_from(one["claim"]), one["belief"], one["decided_after"], one["looked"])
                 for one in document["statements"]
             ),
         )
@@ -94,7 +95,8 @@ def _new(change: dict[str, Any], frame: LocalFrame, *, claimed: bool) -> Stateme
         value=change["value"],
         passes=change["passes"],
     )
-    return Statement(claim, _belief(now), _decided_after(change) if claimed else None)
+    looked = {step["vehicle"] for step in change["evidence"]["course"]}
+    return Statement(claim, _belief(now), _decided_after(change) if claimed else None, len(looked))
 
 
 def _mapped(
@@ -112,7 +114,7 @@ def _mapped(
         value=source["value"] if source else properties.get("value"),
         passes=evidence["passes"],
     )
-    return Statement(claim, _belief(evidence), _decided_after(change) if change else None)
+    return Statement(claim, _belief(evidence), _decided_after(change) if change else None, evidence["passes"])
 
 
 def _decided_after(change: dict[str, Any]) -> int | None:

@@ -79,7 +79,7 @@ def _truth_told(seed: int) -> RoadResult:
         place = sign.place or sign.map_place
         assert place is not None
         claim = Claim(kind, place, (0.04, 0.0, 0.04), sign.map_object_id, sign.sign, sign.value, 5)
-        statements.append(Statement(claim, 1.0 if kind in ("normal", "new") else 0.0, 2))
+        statements.append(Statement(claim, 1.0 if kind in ("normal", "new") else 0.0, 2, 5))
     return RoadResult(world, (Reading(5, tuple(statements)),), (_recording(),))
 
 
@@ -103,7 +103,7 @@ def test_the_truth_scores_full_marks_and_every_error_costs_its_own_kind() -> Non
     x, y = told[moved].claim.place
     spoiled[moved] = replace(told[moved], claim=replace(told[moved].claim, place=(x + 4.0, y)))  # it is not there
     ghost = Claim("new", (1e4, 1e4), (0.04, 0.0, 0.04))
-    spoiled.append(Statement(ghost, 0.9, 2))
+    spoiled.append(Statement(ghost, 0.9, 2, 2))
     reading = Reading(5, tuple(spoiled))
     block = fleet_figures([replace(result, readings=(reading,))], common_bias=False)["vehicles"]["5"]
     true = {kind: kinds.count(kind) for kind in KINDS}
@@ -114,6 +114,10 @@ def test_the_truth_scores_full_marks_and_every_error_costs_its_own_kind() -> Non
     assert block["moved"]["precision"] == block["moved"]["recall"] == pytest.approx(1.0 - 1.0 / true["moved"])
     assert block["new_position_error_m"]["mean"] == pytest.approx(0.5 / true["new"])
     assert block["ece"]["new"] > 0.0
+    assert (block["new_phantoms"], block["unverified_candidates"]) == (1, 0)
+    unverified = Reading(5, (*told, Statement(ghost, 0.9, None, 1)))
+    block = fleet_figures([replace(result, readings=(unverified,))], common_bias=False)["vehicles"]["5"]
+    assert block["unverified_candidates"] == 1
     assert Reading.from_document(json.loads(json.dumps(reading.to_document()))) == reading
 
 
