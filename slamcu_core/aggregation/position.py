@@ -2,7 +2,8 @@
 
 Each pass gives x, Σ. What a vehicle's passes share (mounting, range scale) does not average out over them, so Σ is read
 as Σ = B + W: B = floor² I common to the contributor's passes, W independent from pass to pass. A contributor's estimate
-then has the covariance B + (Σ W⁻¹)⁻¹, which for a single pass is its own Σ and never falls below B.
+then has the covariance B + (Σ W⁻¹)⁻¹, which for a single pass is its own Σ and never falls below B. What all cars have
+wrong together, because the map around the place leads all of them astray, no number of them averages out.
 """
 
 from __future__ import annotations
@@ -62,6 +63,8 @@ def fuse_positions(xy: ArrayLike, covariance: ArrayLike, contributor: ArrayLike,
     if not agreed and present.size >= 2:
         ratio = float(_mahalanobis(means - centre, spreads).sum()) / (2 * present.size - 2)
         fused = fused * (ratio if 2.0 * ratio > policy.gate else 1.0)
+    # each Σ has what all have wrong together in it, and the mean has divided it by their number: put it back
+    fused = fused + (1.0 - 1.0 / present.size) * policy.position_common_m**2 * np.eye(2)
     unsorted = np.empty_like(inlier)
     unsorted[order] = inlier
     return FusedPosition(centre, fused, unsorted, int(present.size))

@@ -12,15 +12,15 @@ from slamcu_core.aggregation import ClassPolicy, fuse_positions
 from slamcu_core.errors import EvidenceError
 
 POLICY = ClassPolicy()
-FLOOR = POLICY.position_floor_m
+FLOOR, COMMON = POLICY.position_floor_m, POLICY.position_common_m
 CHI2_95 = 5.991
 Array = NDArray[np.float64]
 
 
 def _passes(rng: np.random.Generator, cars: int, each: int, wrong: int = 0) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Draw passes around the origin: a bias per car, and noise of known, varying covariance per pass."""
+    """Draw passes around the origin: a bias of all cars, one per car, and noise of known covariance per pass."""
     who = np.repeat(np.arange(cars), each)
-    bias = rng.normal(0.0, FLOOR, (cars, 2))
+    bias = rng.normal(0.0, COMMON, 2) + rng.normal(0.0, np.sqrt(FLOOR**2 - COMMON**2), (cars, 2))
     bias[:wrong] += 12.0
     angle, stds = rng.uniform(0.0, np.pi, who.size), np.array([0.9, 0.4]) * rng.uniform(0.5, 1.6, (who.size, 1))
     axes = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=-1).reshape(-1, 2, 2)
