@@ -65,7 +65,7 @@ async def empty_bodies(connection: AsyncConnection, retention: timedelta, limit:
 
 
 async def forget_archived(connection: AsyncConnection, retention: timedelta, limit: int) -> int:
-    """Delete up to `limit` archived passes that were fused longer ago than `retention` and return how many.
+    """Delete up to `limit` passes, archived or taken out, that were fused longer ago than `retention`; return how many.
 
     Those that founded a candidate stay: vehicles may still name its watch feature.
     """
@@ -73,7 +73,7 @@ async def forget_archived(connection: AsyncConnection, retention: timedelta, lim
         text("""
         DELETE FROM passes WHERE id IN (
             SELECT p.id FROM passes p JOIN messages m ON m.id = p.message
-            WHERE p.archived AND m.processed_at < now() - CAST(:retention AS interval)
+            WHERE (p.archived OR p.retraction_id IS NOT NULL) AND m.processed_at < now() - CAST(:retention AS interval)
               AND NOT EXISTS (SELECT FROM candidates c WHERE c.founding_pass = p.id)
             ORDER BY p.id LIMIT :limit FOR UPDATE OF p SKIP LOCKED)"""),
         {"retention": retention, "limit": limit},

@@ -77,11 +77,11 @@ async def run_worker(
                 await forget_archived(engine, timedelta(days=settings.archive_retention_days))
                 await fade(engine, policy, clock_ahead=timedelta(seconds=settings.max_clock_ahead_s))
                 cleaned_at = begun
-            if fused.messages:
-                continue
             if 0 < settings.trust_interval_s < begun - trusted_at:
                 trusted_at = begun
                 _tell(await recompute(engine))
+                continue
+            if fused.messages:
                 continue
             await _first(caller.event, stop, timeout_s=POLL_S)
 

@@ -6,6 +6,7 @@ import asyncio
 import random
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from datetime import timedelta
 from typing import Any
 
 import httpx
@@ -13,6 +14,7 @@ import pytest
 
 from slamcu_core.reports import PassReport
 from slamcu_server.aggregation import rebuild
+from slamcu_server.aggregation.worker import forget_archived
 from slamcu_server.retraction import corrections, marks, repository
 from slamcu_server.retraction.filter import EvidenceFilter
 
@@ -275,6 +277,18 @@ async def test_a_watch_report_about_what_was_dissolved_does_no_harm(road: Any, r
     await apply(road)
     (again,) = await road.candidates()
     assert (again.id, again.passes) == (candidate.id, 2)
+    await assert_consistent(road)
+
+
+async def test_what_was_taken_out_is_forgotten_in_time_but_not_what_ids_are_bound_to(road: Any, reports: Any) -> None:
+    await road.report("liar", reports.missed(1, hours=0.0), reports.find(40.0, 9.0, hours=0.0))
+    await road.report("honest", reports.seen(1, hours=0.0))
+    await road.fuse()
+    await retract(road, contributor_id=await road.account("liar"))
+    await apply(road)
+    assert await forget_archived(road.engine, timedelta(days=1)) == 0
+    assert await forget_archived(road.engine, timedelta(0)) == 1
+    assert await road.scalar("SELECT count(*) FROM passes") == 2
     await assert_consistent(road)
 
 
