@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from slamcu_eval.plot_style import BLUE, GREEN, GREY, ORANGE, Figures, axes
+from slamcu_eval.plots_attack import attack
 from slamcu_eval.plots_cloud import fleet, law
 from slamcu_eval.score import ALWAYS
 
@@ -225,4 +226,5 @@ PLOTS: dict[str, Callable[[dict[str, Figures]], Figure | None]] = {
     "robots": robots,
     "law": law,
     "fleet": fleet,
+    "attack": attack,
 }

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 
 from slamcu_core.errors import FormatError
 from slamcu_eval.table_cells import Figures, gap, number, share, table_of
+from slamcu_eval.tables_attack import attack, attack_cost
 from slamcu_eval.tables_cloud import fleet, law
 
 _MARK = re.compile(r"(<!-- begin ([a-z0-9-]+) -->\n).*?(<!-- end \2 -->)", re.DOTALL)
@@ -185,4 +186,6 @@ TABLES: dict[str, Callable[[dict[str, Figures]], str]] = {
     "proposals-robots": _proposals("robots"),
     "law": law,
     "fleet": fleet,
+    "attack": attack,
+    "attack-cost": attack_cost,
 }

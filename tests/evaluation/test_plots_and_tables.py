@@ -21,7 +21,7 @@ from slamcu_eval.records import NOTHING, FeatureRecord, read_records, write_reco
 from slamcu_eval.tables import TABLES, fill
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = ("docs/filter.md", "docs/fleet.md", "docs/decisions/0005-proposals-and-association.md")
+DOCUMENTS = ("docs/filter.md", "docs/fleet.md", "docs/attacks.md", "docs/decisions/0005-proposals-and-association.md")
 SHORT = HighwayParameters().having(length_m=2_000.0, normal=8, deleted=3, new=6, encounter_interval_s=10.0)
 
 
