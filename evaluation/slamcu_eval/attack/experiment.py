@@ -13,7 +13,7 @@ from slamcu_core.hd_map import MapFeature
 from slamcu_eval.attack.cars import found, missed, position
 from slamcu_eval.attack.judging import Decision, Flip
 from slamcu_eval.attack.liars import ATTACKS, LIE
-from slamcu_eval.attack.run import Driver, Road, make_drivers
+from slamcu_eval.attack.run import TRUST_EVERY, Driver, Road, make_drivers
 from slamcu_eval.attack.world import Truth, make_world
 from slamcu_eval.fleet import Cloud
 
@@ -24,7 +24,7 @@ HEALING = 5
 
 _LIARS_FIRST_ROUNDS = 2  # drives of each liar before anybody else comes
 _AFTERWARDS = 12  # honest drives after the liars who came first
-_FLOOD_PASSES = 2000  # of one message: the most that the server takes
+_FLOOD_PASSES = 1000  # of one message: with their references the most that the server takes
 _SETTINGS = {"SLAMCU_PASSES_BURST": "20000"}  # a day's driving at once, so that a flood ends in minutes
 
 
@@ -77,7 +77,7 @@ def _run(cloud: Cloud, name: str, order: str, setting: Setting) -> dict[str, Any
     else:
         first = liars * _LIARS_FIRST_ROUNDS
         after = others[:_AFTERWARDS]
-    road = Road(cloud, make_world(f"{name}-{order}", COUNTS, rng), len(first) + len(after))
+    road = Road(cloud, make_world(f"{name}-{order}", COUNTS, rng), len(first) + len(after), TRUST_EVERY[order])
     for driver in first:
         road.drive(driver)
         if name == "flooding" and not driver.honest and driver.drives == 1:

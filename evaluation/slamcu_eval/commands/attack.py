@@ -26,6 +26,9 @@ def register(app: typer.Typer) -> None:
         only: Annotated[
             list[str] | None, typer.Option(help=f"Only this attack ({', '.join(ATTACKS)}); may be given again.")
         ] = None,
+        order: Annotated[
+            list[str] | None, typer.Option(help=f"Only this order ({', '.join(ORDERS)}); may be given again.")
+        ] = None,
         honest: Annotated[bool, typer.Option("--honest/--no-honest", help="Also a fleet without liars.")] = True,
         seed: Annotated[int, typer.Option(min=0, help="Seed of the world, the cars and their order.")] = 0,
         json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
@@ -34,11 +37,13 @@ def register(app: typer.Typer) -> None:
         unknown = sorted(set(only or ()) - ATTACKS.keys())
         if unknown:
             raise SlamcuError(f"there is no attack {unknown[0]!r}; there are {', '.join(ATTACKS)}")
+        if not set(order or ()) <= set(ORDERS):
+            raise SlamcuError(f"an order is one of {', '.join(ORDERS)}")
         if colluding > vehicles // 2:
             raise SlamcuError(f"{colluding} liars among {vehicles} vehicles: at most half may lie")
-        names, setting = list(only or ATTACKS), Setting(vehicles, colluding, seed)
+        names, orders, setting = list(only or ATTACKS), list(order or ORDERS), Setting(vehicles, colluding, seed)
         with progress() as bars:
-            bar = bars.add_task(f"{len(names)} attacks", total=len(names) * len(ORDERS) + 2 * honest)
+            bar = bars.add_task(f"{len(names)} attacks", total=len(names) * len(orders) + 2 * honest)
             figures: dict[str, Any] = {
                 "vehicles": vehicles,
                 "colluding": colluding,
@@ -53,7 +58,7 @@ def register(app: typer.Typer) -> None:
                 if json_file is not None:
                     write_json(json_file, figures)  # what has been measured is not lost if the rest fails
 
-            run_attacks(names, ORDERS, setting, lambda measured: done("attacks", measured))
+            run_attacks(names, orders, setting, lambda measured: done("attacks", measured))
             if honest:
                 run_honest(setting, lambda measured: done("honest", measured))
         console.print(attack_table(figures))
