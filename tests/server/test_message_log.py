@@ -11,6 +11,7 @@ import pytest
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncEngine
 
+from slamcu_server.aggregation.resolve import ClaimedMessage
 from slamcu_server.ingest.message_log import LogEntry, MessageLog, Outcome, PostgresMessageLog
 
 pytestmark = pytest.mark.anyio
@@ -125,6 +126,21 @@ async def test_two_workers_never_hold_the_same(open_log: OpenLog, accounts: list
         first, second = await one.claim(6), await other.claim(6)
         assert [message.message_id for message in first] == [1, 2, 3, 4, 5, 6]
         assert [message.message_id for message in second] == [7, 8, 9, 10]
+
+
+async def test_the_oldest_comes_first_and_with_it_what_is_from_nearby(open_log: OpenLog, accounts: list[int]) -> None:
+    regions = {1: 5, 2: 9, 3: 1, 4: 9, 5: 5, 6: 7, 7: 1}
+    for number, region in regions.items():
+        await append(open_log, accounts[0], LogEntry("s", number, b"x", region))
+    async with open_log() as one, open_log() as other:
+        assert [message.message_id for message in await one.claim(3)] == [1, 5, 6]
+        assert [message.message_id for message in await other.claim(4)] == [2, 4, 3, 7]
+    assert [message.message_id for message in await _claimed(open_log, 7)] == [1, 5, 6, 2, 4, 3, 7]
+
+
+async def _claimed(open_log: OpenLog, limit: int) -> list[ClaimedMessage]:
+    async with open_log() as log:
+        return await log.claim(limit)
 
 
 async def test_batches_at_the_same_time_do_not_block_each_other_for_good(

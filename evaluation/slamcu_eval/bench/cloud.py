@@ -12,6 +12,7 @@ import numpy as np
 
 from slamcu_core.sensoris import serialize_message
 from slamcu_eval.bench.traffic import MAP, ROAD_SQL, Traffic, stretch_at
+from slamcu_server.aggregation.cells import region_at
 from slamcu_server.aggregation.log import CHANNEL
 from slamcu_server.aggregation.windows import COUNTS, FOUND
 from slamcu_server.database import migrate
@@ -21,8 +22,8 @@ from slamcu_server.database.engine import create_engine
 VEHICLES = 200
 
 _INSERT = """
-INSERT INTO messages (account_id, session_id, message_id, sha256, body)
-SELECT new.* FROM unnest($1::bigint[], $2::text[], $3::bigint[], $4::bytea[], $5::bytea[]) AS new"""
+INSERT INTO messages (account_id, session_id, message_id, sha256, body, region)
+SELECT new.* FROM unnest($1::bigint[], $2::text[], $3::bigint[], $4::bytea[], $5::bytea[], $6::bigint[]) AS new"""
 # What a fleet has reported before: one pass of each feature after the other, some by every vehicle, seen by nearly all.
 # The beliefs beside the windows are placeholders until a pass is added: nothing but the windows is folded.
 _HISTORY = f"""
@@ -104,7 +105,7 @@ class Cloud:
 
     async def bodies(
         self, connection: asyncpg.Connection[Any], messages: int
-    ) -> tuple[list[tuple[int, str, int, bytes, bytes]], int]:
+    ) -> tuple[list[tuple[int, str, int, bytes, bytes, int]], int]:
         """Return messages as rows of the log, and how many passes they hold; cars know the watch features there are."""
         rows = await connection.fetch(
             "SELECT id, ST_X(geom) AS lon, ST_Y(geom) AS lat FROM candidates "
@@ -112,14 +113,15 @@ class Cloud:
         )
         watched = {stretch_at(row["lon"], row["lat"]): row["id"] for row in rows if _beside_road(row["lon"])}
         traffic, rng = Traffic(self.features, watched), np.random.default_rng((self.seed, self._drives))
-        made: list[tuple[int, str, int, bytes, bytes]] = []
+        made: list[tuple[int, str, int, bytes, bytes, int]] = []
         passes = 0
         for number in range(messages):
             vehicle = number % len(self.accounts)
             for report in traffic.messages(vehicle, self._drives, 1, rng):
                 body = serialize_message(report)
                 session = f"drive-{self._drives}-{number}"
-                made.append((self.accounts[vehicle], session, 1, hashlib.sha256(body).digest(), body))
+                region = next(region_at(one.position.lon, one.position.lat) for one in report.passes if one.position)
+                made.append((self.accounts[vehicle], session, 1, hashlib.sha256(body).digest(), body, region))
                 passes += len(report.passes)
         self._drives += 1
         return made, passes

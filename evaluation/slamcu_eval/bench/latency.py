@@ -27,8 +27,8 @@ _LOOK_S = 0.05
 _PATIENCE_S = 60.0
 _PROBE_LAT = 47.0  # south of the map
 _INSERT = """
-INSERT INTO messages (account_id, session_id, message_id, sha256, body)
-SELECT new.* FROM unnest($1::bigint[], $2::text[], $3::bigint[], $4::bytea[], $5::bytea[]) AS new"""
+INSERT INTO messages (account_id, session_id, message_id, sha256, body, region)
+SELECT new.* FROM unnest($1::bigint[], $2::text[], $3::bigint[], $4::bytea[], $5::bytea[], $6::bigint[]) AS new"""
 
 
 @dataclass

@@ -14,17 +14,34 @@ CHANNEL = "slamcu_messages"
 """The channel on which the ingest tells that messages wait."""
 
 
+_COLUMNS = "id, account_id, session_id, message_id, body, region"
+_CLAIM = f"SELECT {_COLUMNS} FROM messages WHERE state = 'pending' {{which}} LIMIT :limit FOR UPDATE SKIP LOCKED"  # noqa: S608
+
+
 async def claim(connection: AsyncConnection, limit: int, ids: Sequence[int] | None = None) -> list[ClaimedMessage]:
-    """Lock up to `limit` pending messages (of `ids`, if given) that no other worker holds, oldest first."""
-    chosen = "" if ids is None else "AND id = ANY(CAST(:ids AS bigint[]))"
-    result = await connection.execute(
-        text(f"""
-        SELECT id, account_id, session_id, message_id, body FROM messages
-        WHERE state = 'pending' {chosen} ORDER BY id LIMIT :limit FOR UPDATE SKIP LOCKED"""),  # noqa: S608  (constants)
-        {"limit": limit, **({} if ids is None else {"ids": list(ids)})},
-    )
+    """Lock up to `limit` pending messages (of `ids`, if given) that no other worker holds.
+
+    The oldest comes first, and with it those from the regions that follow its own, whatever their age: a batch of one
+    part of the map touches few features and cells, and two workers with long backlogs keep out of each other's way.
+    """
+    if ids is not None:
+        return await _claim(connection, "AND id = ANY(CAST(:ids AS bigint[])) ORDER BY id", limit, ids=list(ids))
+    oldest = await _claim(connection, "ORDER BY id", 1)
+    if not oldest or limit == 1:
+        return oldest
+    start = {"region": oldest[0].region, "oldest": oldest[0].id}
+    found = await _claim(connection, "AND region >= :region AND id <> :oldest ORDER BY region, id", limit - 1, **start)
+    if len(found) < limit - 1:
+        below = "AND region < :region AND id <> :oldest ORDER BY region DESC, id"
+        found += await _claim(connection, below, limit - 1 - len(found), **start)
+    return [*oldest, *found]
+
+
+async def _claim(connection: AsyncConnection, which: str, limit: int, **parameters: object) -> list[ClaimedMessage]:
+    result = await connection.execute(text(_CLAIM.format(which=which)), {"limit": limit, **parameters})
     return [
-        ClaimedMessage(row.id, row.account_id, row.session_id, row.message_id, bytes(row.body or b"")) for row in result
+        ClaimedMessage(row.id, row.account_id, row.session_id, row.message_id, bytes(row.body or b""), row.region)
+        for row in result
     ]
 
 

@@ -33,6 +33,7 @@ class ClaimedMessage:
     session_id: str
     message_id: int
     body: bytes
+    region: int = 0  # where it is from: `cells.region_at`
 
 
 @dataclass(frozen=True, slots=True)

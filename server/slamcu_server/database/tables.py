@@ -146,10 +146,12 @@ messages = Table(
     Column("state", Text, nullable=False, server_default="pending"),
     Column("processed_at", DateTime(timezone=True)),
     Column("error", Text),
+    Column("region", BigInteger, nullable=False, server_default=text("0")),  # where it is from; orders work, no more
     UniqueConstraint("account_id", "session_id", "message_id"),
     CheckConstraint("state IN ('pending', 'fused', 'quarantined')", name="state"),
 )
 Index("ix_messages_pending", messages.c.id, postgresql_where=text("state = 'pending'"))
+Index("ix_messages_region", messages.c.region, messages.c.id, postgresql_where=text("state = 'pending'"))
 Index(
     "ix_messages_bodies",
     messages.c.processed_at,

@@ -31,6 +31,7 @@ class LogEntry:
     session_id: str
     message_id: int
     body: bytes
+    region: int = 0  # where it is from, for the order of work: `cells.region_at`
 
     @property
     def key(self) -> tuple[str, int]:
@@ -110,9 +111,9 @@ class PostgresMessageLog:
     async def _insert(self, account_id: int, entries: Sequence[LogEntry]) -> set[tuple[str, int]]:
         result = await self._connection.execute(
             text("""
-            INSERT INTO messages (account_id, session_id, message_id, sha256, body)
+            INSERT INTO messages (account_id, session_id, message_id, sha256, body, region)
             SELECT :account, new.* FROM unnest(CAST(:sessions AS text[]), CAST(:numbers AS bigint[]),
-                CAST(:hashes AS bytea[]), CAST(:bodies AS bytea[])) AS new
+                CAST(:hashes AS bytea[]), CAST(:bodies AS bytea[]), CAST(:regions AS bigint[])) AS new
             ON CONFLICT (account_id, session_id, message_id) DO NOTHING
             RETURNING session_id, message_id"""),
             {
@@ -121,6 +122,7 @@ class PostgresMessageLog:
                 "numbers": [entry.message_id for entry in entries],
                 "hashes": [entry.sha256 for entry in entries],
                 "bodies": [entry.body for entry in entries],
+                "regions": [entry.region for entry in entries],
             },
         )
         return {(row.session_id, row.message_id) for row in result}

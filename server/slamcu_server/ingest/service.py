@@ -14,6 +14,7 @@ from slamcu_core.errors import WireError
 from slamcu_core.reports import ReportMessage
 from slamcu_core.sensoris import BatchItem, WireLimits, decode_batch
 from slamcu_core.sensoris.proto import data_pb2
+from slamcu_server.aggregation.cells import region_at
 from slamcu_server.ingest import repository
 from slamcu_server.ingest.message_log import LogEntry, MessageLog, Outcome, PostgresMessageLog
 from slamcu_server.ingest.plausibility import implausible
@@ -82,8 +83,16 @@ async def ingest(
 
 
 async def _log(log: MessageLog, account_id: int, messages: Sequence[_Readable]) -> list[Outcome]:
-    entries = [LogEntry(one.report.session_id, one.report.message_id, one.body) for one in messages]
+    entries = [
+        LogEntry(one.report.session_id, one.report.message_id, one.body, _region(one.report)) for one in messages
+    ]
     return await log.append(account_id, entries)
+
+
+def _region(report: ReportMessage) -> int:
+    """Return where a message is from: the first place that it tells; 0 if it tells none."""
+    places = (one.position for one in report.passes if one.position is not None)
+    return next((region_at(place.lon, place.lat) for place in places), 0)
 
 
 async def _refuse_unknown(connection: AsyncConnection, messages: Sequence[_Readable]) -> list[Rejection]:
