@@ -35,7 +35,7 @@ def a_fleet(reports: Any, seed: int) -> list[Message]:
     rng = random.Random(seed)
     there = [(200.0 * number + 40.0 + shift, 6.0) for number in range(7) for shift in (0.0, 2.4, 5.5)]
     messages = []
-    for number in range(40):
+    for number in range(30):
         hours = rng.uniform(0.0, 48.0)
         passes = [
             (reports.missed if rng.random() < 0.4 else reports.seen)(
