@@ -32,7 +32,7 @@ def register(app: typer.Typer) -> None:
     def _fleet(
         *,
         vehicles: Annotated[str, typer.Option(help="Sizes of the fleet, comma-separated.")] = "1,3,5,10,25",
-        roads: Annotated[int, typer.Option(min=1, help="Roads; twelve hold 300 signs of each kind of change.")] = 12,
+        roads: Annotated[int, typer.Option(min=1, help="Roads; 25 hold 300 signs of each kind of change.")] = 25,
         common_bias: Annotated[
             Switch, typer.Option(help="Let every car's ranges be 2 % too long, beside its own errors.")
         ] = Switch.OFF,
@@ -47,15 +47,15 @@ def register(app: typer.Typer) -> None:
     ) -> None:
         """Score the cloud's map of changed roads by how many cars have passed.
 
-        Each road is the paper's motorway, 10 km long, with 75 signs unchanged and 25 each deleted, new, moved (by 3 to
-        15 m) and modified (another type or value). Every car has its own biases and sees ghosts that no other car
+        Each road is the paper's motorway, 10 km long, with 100 signs as mapped, 40 new, and 12 each deleted, moved (by
+        3 to 15 m) and modified (another type or value). Every car has its own biases and sees ghosts that no other car
         sees; it passes once, an hour after the one before. The map is fresh: no car has passed before.
 
         The first car is heard, then the first three, five and so on: each wave sets out with the map and the watch
         features that the cars before have brought about. Everything goes through the real client and server. One car
         is scored without the minimum of contributors, by the largest of the three masses.
 
-        A car's drive takes some seconds on an idle processor: 12 roads with 25 cars about an hour. With --work, cars
+        A car's drive takes some seconds on an idle processor: 25 roads with 25 cars some two hours. With --work, cars
         that have driven are kept and not driven again: another server hears what they told.
         """
         sizes = _sizes(vehicles)
