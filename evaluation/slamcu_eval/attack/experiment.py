@@ -13,7 +13,7 @@ from slamcu_core.hd_map import MapFeature
 from slamcu_eval.attack.cars import found, missed, position
 from slamcu_eval.attack.judging import Decision, Flip
 from slamcu_eval.attack.liars import ATTACKS, LIE
-from slamcu_eval.attack.run import TRUST_EVERY, Driver, Road, make_drivers
+from slamcu_eval.attack.run import TRUST_EVERY, Driver, Road, make_drivers, recompute_trust
 from slamcu_eval.attack.world import Truth, make_world
 from slamcu_eval.fleet import Cloud
 
@@ -61,7 +61,7 @@ def run_honest(setting: Setting, done: Callable[[dict[str, Any]], None]) -> dict
             road = Road(cloud, make_world(name, COUNTS, rng), len(drivers))
             for number in rng.permutation(len(drivers)).tolist():
                 road.drive(drivers[number])
-            cloud.command("recompute-trust")
+            recompute_trust(cloud)
             figures[name] = {**_flips(road.feed.flips, road.feed.standing), **_delays(road.feed.decisions)}
             done(figures)
     return figures

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from slamcu_client import MapCache, Server
+from slamcu_core.aggregation import Policy
 from slamcu_core.errors import SlamcuError
 from slamcu_core.formats import write_hd_map
 from slamcu_core.hd_map import MapFeature
@@ -21,6 +23,10 @@ from slamcu_eval.attack.judging import Feed
 from slamcu_eval.attack.liars import Script, Sending, honest
 from slamcu_eval.attack.world import World
 from slamcu_eval.fleet import Cloud
+from slamcu_server.retraction.corrections import correct_all
+from slamcu_server.runtime import open_database
+from slamcu_server.settings import Settings
+from slamcu_server.trust.job import recompute
 
 BETWEEN = timedelta(minutes=24)
 """Between two cars: sixty of them a day."""
@@ -85,7 +91,7 @@ class Road:
         self._driven += 1
         self._now += BETWEEN
         if self._driven % self._trust_every == 0:
-            self._cloud.command("recompute-trust")
+            recompute_trust(self._cloud)
         self.feed.read(honest=driver.honest)
 
     def flood(self, driver: Driver, passes: Sequence[Any], requests: int = 400) -> None:
@@ -147,6 +153,18 @@ class Road:
             reason = rejection["reason"]
             answers.refused[reason] = answers.refused.get(reason, 0) + 1
         return True
+
+
+def recompute_trust(cloud: Cloud) -> None:
+    """Do what `slamcu-server recompute-trust` does, without the start of a process."""
+
+    async def run() -> None:
+        settings = Settings(data_dir=cloud.data_dir, migrate_on_start=False)
+        async with open_database(settings, application_name="slamcu-eval") as engine:
+            await recompute(engine)
+            await correct_all(engine, Policy())
+
+    asyncio.run(run())
 
 
 def make_drivers(cloud: Cloud, count: int, scripts: Sequence[Script], rng: np.random.Generator) -> list[Driver]:
