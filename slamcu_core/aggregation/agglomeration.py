@@ -13,6 +13,7 @@ from slamcu_core.aggregation.policy import ClassPolicy
 Array = NDArray[np.float64]
 Names = tuple[str | None, str | None]  # sign and value, None where nobody could tell
 
+_SAME_PLACE_M = 1e-3
 _SWEEPS = 8  # of moving single finds; two or three settle nearly every group
 
 
@@ -70,7 +71,7 @@ def agglomerate(xy: Array, covariance: Array, finds: Sequence[Find], policy: Cla
     """
     information = np.asarray(np.linalg.inv(covariance), float)
     vector = np.einsum("nij,nj->ni", information, xy)
-    group = _Group(xy, covariance, information, vector, finds, _seen_together(finds), policy)
+    group = _Group(xy, covariance, information, vector, finds, _seen_together(xy, finds), policy)
     members = [[index] for index in range(len(finds))]
     for _ in range(_SWEEPS):
         merged = _Merging(members, group).run()
@@ -223,11 +224,18 @@ def _moved(members: Sequence[Sequence[int]], group: _Group) -> list[list[int]]:
     return sorted(sorted(each) for each in (*chosen, *lonely) if each)
 
 
-def _seen_together(finds: Sequence[Find]) -> NDArray[np.bool_]:
-    """Return (N, N), which finds one session had in view at the same time: different objects."""
+def _seen_together(xy: Array, finds: Sequence[Find]) -> NDArray[np.bool_]:
+    """Return (N, N), which finds one session had in view at the same time: different objects.
+
+    The same times at the same place are one find told twice; else a message sent again under new ids would be as many
+    objects as it has copies.
+    """
     session = np.array([find.session for find in finds])
     start, end = np.array([find.start for find in finds]), np.array([find.end for find in finds])
     together = np.asarray(session[:, None] == session, bool)
     together &= (start[:, None] <= end) & (start <= end[:, None])
+    told_twice = (start[:, None] == start) & (end[:, None] == end)
+    told_twice &= (np.abs(xy[:, None] - xy) <= _SAME_PLACE_M).all(axis=2)
+    together &= ~told_twice
     np.fill_diagonal(together, val=False)
     return together

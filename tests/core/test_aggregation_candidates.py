@@ -307,3 +307,26 @@ def test_repeated_identities_and_useless_places_are_refused() -> None:
             order_key=[(0,)],
             policy=POLICY,
         )
+
+
+def test_a_find_that_one_session_tells_again_and_again_is_one_object() -> None:
+    """A message sent again under new ids must not found a candidate for each copy."""
+
+    def clusters(places: list[tuple[float, float]]) -> int:
+        count = len(places)
+        found = cluster(
+            xy=places,
+            covariance=[0.25 * np.eye(2)] * count,
+            evidence_sign=[1] * count,
+            group_key=["traffic_sign"] * count,
+            sign=["STOP_SIGN"] * count,
+            value=[None] * count,
+            observer=[(1, "session")] * count,
+            interval=[(0.0, 3.0)] * count,
+            order_key=[(number,) for number in range(count)],
+            policy=Policy(),
+        )
+        return len(found.founders)
+
+    assert clusters([(0.0, 0.0)] * 9) == 1
+    assert clusters([(0.5 * number, 0.0) for number in range(3)]) == 3

@@ -263,6 +263,26 @@ def _at(seen: PassReport, where: Any) -> PassReport:
     return replace(seen, sign="STOP_SIGN", position=where)
 
 
+async def test_of_a_moved_sign_the_half_stays_that_is_left(road: Any, reports: Any) -> None:
+    for hours in range(4):
+        await road.report(f"honest-{hours}", reports.missed(2, hours=float(hours)))
+        await road.report(
+            f"liar-{hours}", reports.find(150.0, 7.0, hours=hours + 0.5, sign="SPEED_LIMIT"), fleet_id="x"
+        )
+    await road.fuse()
+    assert [(change.kind, change.state) for change in await road.changes()][-1] == ("moved", "confirmed")
+    retraction = await retract(road, fleet_id="x")
+    await apply(road)
+    said = {change.kind for change in await road.changes() if change.state == "confirmed"}
+    assert said == {"deleted"}
+    assert await road.candidates() == []
+    assert await rebuild.differences(road.engine, road.policy) == []
+    await undo(road, retraction)
+    await apply(road)
+    assert {change.kind for change in await road.changes() if change.state == "confirmed"} == {"moved"}
+    assert await rebuild.differences(road.engine, road.policy) == []
+
+
 async def test_a_watch_report_about_what_was_dissolved_does_no_harm(road: Any, reports: Any) -> None:
     await road.report("liar", reports.find(40.0, 9.0, hours=0.0))
     await road.fuse()
