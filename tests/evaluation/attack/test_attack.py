@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -137,3 +138,11 @@ def test_what_cannot_be_run_is_said_in_one_line(
     assert run(["attack", *arguments, "--json", str(tmp_path / "out.json")]) == 1
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out.json").exists()
+
+
+def test_the_committed_results_are_of_the_stated_size() -> None:
+    figures = json.loads((Path(__file__).parents[3] / "docs/results/attack.json").read_text(encoding="utf-8"))
+    assert figures["vehicles"] >= 60
+    assert figures["colluding"] >= 3
+    assert figures["attacks"].keys() == ATTACKS.keys()
+    assert all(orders.keys() == {"random", "liars_first"} for orders in figures["attacks"].values())
