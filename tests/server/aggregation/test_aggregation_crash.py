@@ -48,8 +48,8 @@ async def test_workers_killed_in_the_middle_of_an_upload_lose_and_double_nothing
     )
     await town.do("CREATE TRIGGER linger AFTER INSERT ON passes FOR EACH STATEMENT EXECUTE FUNCTION linger()")
 
-    async def upload() -> None:
-        for number in range(200):
+    async def upload(numbers: range) -> None:
+        for number in numbers:
             hours = number / 100  # so few hours that every pass still counts
             await town.report(
                 f"car-{number % 15}",
@@ -58,13 +58,12 @@ async def test_workers_killed_in_the_middle_of_an_upload_lose_and_double_nothing
                 session=f"s-{number}",
             )
 
-    uploading = asyncio.create_task(upload())
-    fused = 0
-    for _ in range(2):
+    for begin in (0, 100):
+        fused = await town.scalar("SELECT count(*) FROM messages WHERE state = 'fused'")
         with worker(server_environment) as first, worker(server_environment):
+            await upload(range(begin, begin + 20))
             await fused_beyond(town, fused, first)
-            fused = await town.scalar("SELECT count(*) FROM messages WHERE state = 'fused'")
-    await uploading
+            await upload(range(begin + 20, begin + 100))  # they are at these when they are killed
     await town.do("DROP TRIGGER linger ON passes")
     await town.fuse()
     states = await town.rows("SELECT state, count(*) AS n FROM messages GROUP BY state")
