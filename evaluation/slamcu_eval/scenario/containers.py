@@ -17,6 +17,7 @@ from slamcu_eval.scenario import next_release
 from slamcu_eval.scenario.system import DATABASE, SERVICES, Car, SystemFaultError
 
 _PROXY = "proxy"
+_SAME_IN_NEXT = ("database", "proxy")  # images that the next release has not changed
 _USER = 10001  # of the images
 _START_TIMEOUT_S = 240.0
 _POLL_S = 0.5
@@ -191,6 +192,8 @@ class ContainerSystem:
         recipe = f"FROM slamcu-server:{self._version}\nCOPY {name} {where}\n"
         (folder / "Dockerfile").write_text(recipe, encoding="utf-8")
         self._docker("build", "--quiet", "--tag", f"slamcu-server:{self._next_version}", str(folder))
+        for same in _SAME_IN_NEXT:
+            self._docker("tag", f"slamcu-{same}:{self._version}", f"slamcu-{same}:{self._next_version}")
 
     def _wait_until_well(self, services: Sequence[str] | None = None) -> None:
         deadline = time.monotonic() + _START_TIMEOUT_S
@@ -227,11 +230,10 @@ class ContainerSystem:
         for service in (*SERVICES, _PROXY, "migrate"):
             self._keep(f"{service}.log", [*self._compose, "logs", "--no-color", "--timestamps", service])
         self._keep("compose-ps.txt", [*self._compose, "ps", "--all"])
-        for name in (self._road,):
-            self._keep(None, ["docker", "network", "disconnect", "--force", name, f"{self._project}_{_PROXY}_1"])
         self._keep("compose-down.txt", [*self._compose, "down", "--volumes", "--remove-orphans", "--timeout", "10"])
         self._keep(None, ["docker", "network", "rm", self._road])
-        self._keep(None, ["docker", "image", "rm", f"slamcu-server:{self._next_version}"])
+        for name in ("server", *_SAME_IN_NEXT):
+            self._keep(None, ["docker", "image", "rm", f"slamcu-{name}:{self._next_version}"])
 
     def _keep(self, name: str | None, command: Sequence[str]) -> None:
         """Run a command for what it says, whether it succeeds or not."""
