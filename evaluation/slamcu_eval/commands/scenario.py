@@ -22,7 +22,7 @@ from slamcu_eval.scenario.reviewer import accept_confirmed, wait_until_quiet
 from slamcu_eval.scenario.world import set_stage
 
 IN_CONTAINERS = Plan(
-    length_km=3.0, normal=12, deleted=3, new=4, pace=1.2, cut_s=30.0, cut_at=0.5,
+    length_km=3.0, normal=12, deleted=3, new=4, pace=1.2, second_pace=1.2, cut_s=30.0, cut_at=0.5,
     kills=((0.15, "api-1"), (0.25, "worker-1"), (0.35, "database")), patience_s=300.0,
 )  # fmt: skip
 

@@ -23,8 +23,9 @@ class Plan:
     new: int = 3
     moved: int = 1
     modified: int = 1
-    pace: float = 3.0  # times the speed at which the drives were recorded
-    kills: tuple[tuple[float, str], ...] = ((0.2, "api-1"), (0.35, "worker-1"), (0.5, "database"))
+    pace: float = 3.5  # times the speed at which the drives were recorded
+    second_pace: float = 5.0  # of the second fleet
+    kills: tuple[tuple[float, str], ...] = ((0.35, "api-1"), (0.45, "worker-1"), (0.55, "database"))
     cut_at: float = 0.65
     cut_s: float = 4.0
     patience_s: float = 180.0  # for anything to become so

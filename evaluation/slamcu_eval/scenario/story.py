@@ -51,7 +51,8 @@ def _fleets(system: System, plan: Plan, stage: Stage) -> tuple[list[Car], list[C
     for number, line in enumerate(output.strip().split("\n")):
         folder = system.home / "cars" / f"{number:03d}"
         folder.mkdir(parents=True)
-        car = Car(f"car-{number:03d}", stage.logs[number], folder, stage.name, plan.pace, number)
+        pace = plan.pace if number < plan.cars else plan.second_pace
+        car = Car(f"car-{number:03d}", stage.logs[number], folder, stage.name, pace, number)
         car.key_file.write_text(line.rsplit("\t", 1)[-1], encoding="utf-8")
         cars.append(car)
     return cars[: plan.cars], cars[plan.cars :]
