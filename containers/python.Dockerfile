@@ -6,9 +6,9 @@ FROM ${BASE} AS python
 RUN apt-get update \
  && apt-get install -y --no-install-recommends python3 \
  && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/*
-# A user that owns nothing: what it may write is mounted.
+# A user that owns nothing but the folders on which volumes are mounted: a new volume takes its owner from there.
 RUN useradd --system --uid 10001 --user-group --no-create-home --home-dir /nonexistent --shell /usr/sbin/nologin slamcu \
-&
+ && install -d -o slamcu -g slamcu -m 0700 /data /world /keys
 ENV PATH=/opt/slamcu/bin:/usr/local/bin:/usr/bin:/bin PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1 LC_ALL=C.UTF-8
 WORKDIR /
 

@@ -17,9 +17,10 @@ LONGEST_MODULE = 400  # lines; beyond that a module says more than one thing
 
 # Written in parts, so that this file does not hold what it forbids.
 MACHINE_PATH = re.compile(r"(?<![\w.~*-])/(?:" + "|".join(("work", "root", "home")) + r")/[\w.-]")
-# Where packages come from is the user's business: no file points an installer at an index of its own.
+# Where packages come from is the user's business: no file points an installer at an index of its own. A folder that an
+# image brings along is none.
 REGISTRY = re.compile(
-    "|".join(("--(?:extra-)?index" + "-url", "--find" + "-links", r"https?://[\w.-]+/simple" + r"\b"))
+    "|".join(("--(?:extra-)?index" + "-url", "--find" + "-links(?! /wheels )", r"https?://[\w.-]+/simple" + r"\b"))
 )
 
 

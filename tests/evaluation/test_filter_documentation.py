@@ -50,7 +50,8 @@ def _figures(*stages: str) -> subprocess.CompletedProcess[str]:
 def test_an_unknown_stage_is_refused_before_anything_is_measured() -> None:
     done = _figures("mrclam", "everything")
     assert done.returncode == 2
-    assert done.stderr == "figures: no stage everything; there are paper, mrclam, ablation and plots\n"
+    known = "paper, mrclam, ablation, law, fleet, attack and plots"
+    assert done.stderr == f"figures: no stage everything; there are {known}\n"
 
 
 def test_without_the_recordings_the_robots_are_left_out_and_that_is_said() -> None:
