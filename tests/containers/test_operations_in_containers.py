@@ -14,10 +14,11 @@ from typing import Any
 
 import pytest
 
+from slamcu_eval.scenario.ports import free_port
+
 ROOT = Path(__file__).parents[2]
 BLOCK = re.compile(r"^```bash\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 TEXT = (ROOT / "docs" / "operations.md").read_text(encoding="utf-8")
-PORT = "18100"
 PRELUDE = """
 docker() {
   if [ "$1" = compose ] && ! command docker compose version >/dev/null 2>&1; then shift; docker-compose "$@"
@@ -37,7 +38,7 @@ def project(tmp_path: Path) -> Iterator[tuple[Path, dict[str, str]]]:
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("SLAMCU_", "COMPOSE_"))}
     environment |= {
         "COMPOSE_PROJECT_NAME": f"slamcu-test-{os.getpid()}",
-        "SLAMCU_PORT": PORT,
+        "SLAMCU_PORT": str(free_port()),
         "SLAMCU_SECRETS": str(tmp_path / "secrets"),
     }
     subprocess.run([ROOT / "scripts" / "secrets"], env=environment, check=True)
@@ -65,7 +66,8 @@ def test_the_documented_commands_work_as_printed(project: tuple[Path, dict[str, 
     folder, environment = project
     blocks = [block for block in BLOCK.findall(TEXT) if "slamcu-server " not in block]
     script = "".join(f"echo '::: {number}'\n{block}" for number, block in enumerate(blocks))
-    script = script.replace("127.0.0.1:8000", f"127.0.0.1:{PORT}").replace("make images", "true  # are built")
+    script = script.replace("127.0.0.1:8000", f"127.0.0.1:{environment['SLAMCU_PORT']}")
+    script = script.replace("make images", "true  # are built")
     done = _bash(script, folder, environment)
     _keep(folder, "operations", done)
     assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-3000:]}"

@@ -8,7 +8,6 @@ import re
 import shlex
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -16,6 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from slamcu_eval.scenario.ports import free_port
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -35,11 +36,6 @@ def folder() -> Iterator[Path]:
     shutil.rmtree(path)
 
 
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        return int(listener.getsockname()[1])
-
-
 def _script(tour: str, first_line: int, port: int) -> str:
     """Make one bash script of the blocks, the Python ones as children of the same shell; only the port differs."""
     # Whatever fails, the server is asked to end: it stops its database.
@@ -55,7 +51,7 @@ def _script(tour: str, first_line: int, port: int) -> str:
 def test_the_tour_runs_as_printed(folder: Path) -> None:
     tour = TOUR.search(README)
     assert tour is not None
-    script = _script(tour.group(), README.count("\n", 0, tour.start()) + 1, _free_port())
+    script = _script(tour.group(), README.count("\n", 0, tour.start()) + 1, free_port())
     environment = {name: value for name, value in os.environ.items() if not name.startswith(("SLAMCU_", "PYTHON"))}
     process = subprocess.Popen(
         ["bash", "-c", script],

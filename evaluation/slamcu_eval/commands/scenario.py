@@ -45,7 +45,9 @@ def _run(
         bool, typer.Option("--containers", help="In the containers of docker-compose.yml, after make images.")
     ] = False,
     compose: Annotated[Path, typer.Option(help="The folder with docker-compose.yml.")] = Path(),
-    port: Annotated[int, typer.Option(help="Where the containers publish the API on this machine.")] = 18000,
+    port: Annotated[
+        int | None, typer.Option(help="Where the containers publish the API on this machine; else a free port.")
+    ] = None,
     cars: Annotated[int | None, typer.Option(min=3, help="Cars of the first fleet.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the road and the drives.")] = None,
     logs: Annotated[Path, typer.Option(help="Folder for the logs and the timeline.")] = Path("build/scenario"),

@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from slamcu_eval.scenario import next_release
+from slamcu_eval.scenario.ports import free_port
 from slamcu_eval.scenario.system import DATABASE, SERVICES, Car, SystemFaultError
 
 _PROXY = "proxy"
@@ -35,13 +36,14 @@ class ContainerSystem:
     root : the tree with docker-compose.yml.
     home : a folder for the files that are shown to containers.
     logs : a folder for what the containers say.
-    port : where the API is published on this machine.
+    port : where the API is published on this machine; without one, at a port that is free.
     """
 
-    def __init__(self, root: Path, home: Path, logs: Path, *, port: int = 18000) -> None:
+    def __init__(self, root: Path, home: Path, logs: Path, *, port: int | None = None) -> None:
         self._root, self.home, self._logs = root, home, logs
         self._project = f"slamcu-e2e-{os.getpid()}"
         self._road = f"{self._project}-road"
+        port = port or free_port()
         self._version = version("slamcu-server")
         self._next_version = f"{self._version}-next"
         self._environment = {

@@ -6,7 +6,6 @@ import contextlib
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -22,6 +21,7 @@ from urllib.parse import unquote, urlsplit
 
 from slamcu_eval.fleet.program import Program, run_server_command
 from slamcu_eval.scenario import next_release
+from slamcu_eval.scenario.ports import free_port
 from slamcu_eval.scenario.relay import Relay
 from slamcu_eval.scenario.system import APIS, DATABASE, WORKERS, Car, SystemFaultError
 from slamcu_server.database.embedded import DATABASE as DATABASE_NAME
@@ -228,7 +228,7 @@ class ProcessSystem:
             self._ready_file(service).unlink(missing_ok=True)
             arguments = ("serve", "--no-worker", "--port", "0", "--ready-file", str(self._ready_file(service)))
         else:
-            self._worker_ports[service] = _free_port()
+            self._worker_ports[service] = free_port()
             environment = environment | {"SLAMCU_WORKER_PORT": str(self._worker_ports[service])}
         self._programs[service] = Program(arguments, environment, self._logs / f"{service}.log")
         self._programs[service].start()
@@ -263,8 +263,3 @@ class ProcessSystem:
             process.wait()
         for program in self._programs.values():
             program.stop()
-
-
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        return int(listener.getsockname()[1])
