@@ -42,8 +42,14 @@ def marginalise(predicted: Array, weights: Array, extra: Array, scratch: Array) 
 
 
 def associate(
-    model: SensorModel, detections: tuple[Array, Array], marginal: Marginal, log_prior: Array, gate: float
-) -> tuple[NDArray[np.intp], Array]:
+    model: SensorModel,
+    detections: tuple[Array, Array],
+    marginal: Marginal,
+    log_prior: Array,
+    *,
+    log_unknown: Array,
+    gate: float,
+) -> tuple[NDArray[np.intp], Array, Array]:
     """Assign D detections to F features, one to one.
 
     Parameters
@@ -52,21 +58,23 @@ def associate(
     marginal : predicted measurements of the features.
     log_prior : (D, F) log of how likely the feature shows itself, with the fit of class, sign and value; -inf where
         a detection cannot be that feature.
+    log_unknown : (D,) ln of the density of false alarms and of things that nobody knows of.
     gate : chi-square threshold on the innovation.
 
     Returns
     -------
-    The feature of each detection or -1, (D,), and the normalised innovations squared, (D, F).
+    The feature of each detection or -1, (D,), the normalised innovations squared, (D, F), and ln of how much likelier
+    each feature is than something unknown, (D, F), -inf beyond the gate.
     """
     measurements, noise = detections
     nu = model.innovation(measurements[:, :, None], marginal.mean[:, None, :])
     xx, xy, yy = marginal.covariance
     square, determinant = mahalanobis_square(nu, (xx + noise[0, :, None], xy, yy + noise[1, :, None]))
-    # ln N(ν; 0, Q) - ln(clutter density)
+    # ln N(ν; 0, Q) - ln(density of the unknown)
     score = np.log(determinant)
     score += square
     score *= -0.5
     score += log_prior
-    score -= math.log(2.0 * math.pi) + model.log_clutter
+    score -= math.log(2.0 * math.pi) + log_unknown[:, None]
     score[square > gate] = -np.inf
-    return assign(score), square
+    return assign(score), square, score

@@ -39,6 +39,12 @@ def transpose(matrix: Array) -> Array:
     return matrix.swapaxes(0, 1)
 
 
+def full(matrix: Sequence[Array] | Array) -> Array:
+    """Return symmetric matrices (3, ...) as (2, 2, ...)."""
+    xx, xy, yy = matrix
+    return np.array([[xx, xy], [xy, yy]])
+
+
 def inverse(matrix: Sequence[Array] | Array) -> Array:
     """Return the inverses (3, ...) of symmetric matrices (3, ...)."""
     xx, xy, yy = matrix

@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 _LN_2 = float(np.log(2.0))
 _SCALE_ERROR = 0.06  # of our own speed; how fast a still sign may seem to move for errors of range
 _SLOWEST_MOVER = 0.5  # of our own speed; what moves along with traffic moves at least so fast
+_CERTAIN = 1.0 - 1e-6  # no view is more certain than this
 _PERSISTENCE = 0.2  # of the sensor's P_D; one real pass in a thousand falls below (Beta, four looks)
 
 
@@ -48,7 +49,7 @@ def miss_weight(probability: Array, miss_confidence: float) -> Array:
     return np.asarray(-np.log1p(-np.minimum(miss_confidence * probability, LAMBDA_MAX)))
 
 
-def detectability(table: FeatureTable, rows: NDArray[np.intp], nominal: float, concentration: float) -> Array:
+def detectability(table: FeatureTable, rows: NDArray[np.intp], nominal: Array, concentration: float) -> Array:
     """Return P_D of rows in their open pass, given how the pass has gone so far.
 
     Misses come in bursts: a feature that faces away or stands behind a bush is missed in every frame of a pass. So P_D
@@ -57,6 +58,19 @@ def detectability(table: FeatureTable, rows: NDArray[np.intp], nominal: float, c
     """
     hit, missed = table.looks_hit[rows], table.looks_missed[rows]
     return np.asarray((concentration * nominal + hit) / (concentration + hit + missed))
+
+
+def bounded_by_view(table: FeatureTable, rows: NDArray[np.intp], looked: Array, weight_against: Array) -> Array:
+    """Return the weights of misses (F,), bounded by how surely their rows could be seen at all.
+
+    What stood outside the view because the pose is wrong, or behind something, did so in every frame of the pass: all
+    its misses together say no more than that it could be seen when it was so most surely. `looked` (F,) is with which
+    probability it could in this frame.
+    """
+    best = np.maximum(table.best_view[rows], looked)
+    table.best_view[rows] = best
+    most = -np.log1p(-np.minimum(best, _CERTAIN))
+    return np.asarray(np.minimum(weight_against, np.maximum(most - table.pass_against[rows], 0.0)))
 
 
 def masses(table: FeatureTable, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:

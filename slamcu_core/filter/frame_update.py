@@ -56,20 +56,39 @@ class FrameUpdate:
     calibration: SensorCalibration
     parameters: FilterParameters
 
-    def pre_associate(self, view: View, seen: Seen) -> tuple[Index, Array]:
-        """Assign detections to features by likelihood, one to one (section 4.3.1); return columns (D,) or -1, and NIS.
+    def pre_associate(self, view: View, seen: Seen, log_unknown: Array) -> tuple[Index, Array, Array]:
+        """Assign detections to features by likelihood, one to one (section 4.3.1).
+
+        Returns columns (D,) or -1, the NIS (D, C), and ln of how much likelier each is than something unknown, (D, C);
+        `log_unknown` (D,) is ln of the density of that.
 
         A detection read as another sign or value than the map's is not a confirmation of it, however near it is.
         """
-        rows = view.rows[: view.close]
         shows = np.maximum(view.shown[: view.close], 0.05)
-        log_prior = np.log(np.maximum(existence.probability(self.table, rows) * shows, 1e-3))
+        log_prior = np.log(np.maximum(existence.probability(self.table, view.rows[: view.close]) * shows, 1e-3))
+        log_prior = np.where(self.fits(view, seen), log_prior, -np.inf)
+        return associate(
+            self.model,
+            (seen.measurement, seen.noise),
+            view.marginal,
+            log_prior,
+            log_unknown=log_unknown,
+            gate=self.parameters.gate,
+        )
+
+    def fits(self, view: View, seen: Seen) -> NDArray[np.bool_]:
+        """Return which detection could be which feature by class, sign and value, (D, C)."""
+        rows = view.rows[: view.close]
         fits = seen.feature_class[:, None] == self.table.feature_class[rows]
         if seen.named:
             for read, known in ((seen.sign, self.table.sign[rows]), (seen.value, self.table.value[rows])):
                 fits &= (read[:, None] == known) | (read[:, None] == 0) | (known == 0)
-        log_prior = np.where(fits, log_prior, -np.inf)
-        return associate(self.model, (seen.measurement, seen.noise), view.marginal, log_prior, self.parameters.gate)
+        return np.asarray(fits)
+
+    def log_unknown(self, seen: Seen, unmapped: float) -> Array:
+        """Return ln of the density (D,) of false alarms and of unknown things, of which there are `unmapped` per m²."""
+        ground = seen.measurement[0] if self.model.has_bearing else np.ones(seen.measurement.shape[1])  # m² per m·rad
+        return np.asarray(np.log(self.model.clutter_density + unmapped * ground))
 
     def weigh(
         self,

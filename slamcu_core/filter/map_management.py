@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.filter import existence
+from slamcu_core.filter.detectability import DetectionRate
 from slamcu_core.filter.detections import Seen
 from slamcu_core.filter.ekf import birth_covariance
 from slamcu_core.filter.neighbourhood import Neighbourhood
@@ -24,6 +25,7 @@ from slamcu_core.models import SensorModel
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+_FULL_VIEW = 0.95  # probability of being seen if detected, of what the detection rate is learned from
 _ROUNDING_S = 1e-6  # of sums of times
 
 
@@ -51,12 +53,21 @@ class MapManagement:
         self._none_ends_before = 0.0  # s: no pass can have lasted its gap until then
 
     def update_existence(
-        self, model: SensorModel, view: View, seen: Seen, matched: tuple[Index, Index], now: Instant
+        self,
+        model: SensorModel,
+        rates: DetectionRate,
+        view: View,
+        seen: Seen,
+        matched: tuple[Index, Index],
+        *,
+        now: Instant,
+        unseen: Array | None = None,
     ) -> None:
         """Update existence (4.3.2) by the detections of a frame.
 
         Detected rows get eq. 1; rows that should have shown themselves and did not get eq. 2. `matched` are the
-        detections (A,) and the columns (A,) of the view that they belong to.
+        detections (A,) and the columns (A,) of the view that they belong to, `unseen` (F,) the probabilities that no
+        detection was of the row, None: none that is not matched.
         """
         table, parameters = self._table, self._parameters
         self._speed = now.speed
@@ -65,13 +76,19 @@ class MapManagement:
         hit[columns] = True
         sums = np.zeros((9, len(rows)))
         self._keep_passes(view, hit, now.t, sums)
-        nominal = model.sensor.detection_probability
-        chance = existence.detectability(table, rows, nominal, parameters.detection_concentration)
+        chance = existence.detectability(
+            table, rows, self._learn_rates(rates, view, hit, now.share), parameters.detection_concentration
+        )
         chance *= view.shown
         missed = (view.visible > 0.05) * now.share
         missed[columns] = 0.0
+        shown = view.shown
+        if unseen is not None:
+            missed *= unseen
+            shown = shown * unseen
         sums[Sum.PASS_FOR, columns] = now.share * seen.weight[detections]
         np.multiply(missed, existence.miss_weight(chance, parameters.miss_confidence), out=sums[Sum.PASS_AGAINST])
+        sums[Sum.PASS_AGAINST] = existence.bounded_by_view(table, rows, shown, sums[Sum.PASS_AGAINST])
         sums[: Sum.PASS_FOR] = sums[Sum.PASS_FOR : Sum.LOOKS_HIT]
         np.multiply(missed, view.shown, out=sums[Sum.LOOKS_MISSED])
         existence.add(table, rows, sums, parameters.evidence_cap)
@@ -79,6 +96,19 @@ class MapManagement:
             hit_rows = rows[columns]
             table.hits[hit_rows] += 1
             self._sight(model, hit_rows, seen, detections, now)
+
+    def _learn_rates(self, rates: DetectionRate, view: View, hit: NDArray[np.bool_], share: float) -> Array:
+        """Return how often the sensor detects the rows (F,) at their range, and learn it from those that stand there.
+
+        Those are Normal or New and have been detected often enough before this frame.
+        """
+        table, rows = self._table, view.rows
+        rate = rates.at(view.distance)
+        proven = (view.shown > _FULL_VIEW) & (table.hits[rows] >= self._parameters.minimum_hits)
+        if proven.any():
+            proven &= self.supports(rows)
+            rates.learn(view.distance[proven], hit[proven], share)
+        return rate
 
     def _keep_passes(self, view: View, hit: NDArray[np.bool_], t: float, sums: Array) -> None:
         """Open passes of what came into view, and count the frame for them in sums (9, F)."""

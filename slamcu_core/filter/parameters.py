@@ -23,6 +23,7 @@ class FilterParameters:
     resample_fraction: float = 0.5  # α of eq. 20
     jitter: float = 0.6  # kernel width of regularised resampling, in standard deviations of the cloud: Silverman's rule
     outlier_share: float = 0.02  # share of accepted associations that are wrong: floors eq. 17 and 18
+    unmapped_share: float = 0.2  # things that the map lacks, per feature that it has, before anybody looked
     detection_concentration: float = 4.0  # looks; weight of the sensor's nominal P_D within one pass
     correlation_time_s: float = 0.3  # frames closer than this share their errors and are tempered (errata to 6.2)
     evidence_cap: float = 15.0  # largest weight kept per feature on board, so that a drive can still change its mind

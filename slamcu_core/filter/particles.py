@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import NamedTuple
 
@@ -38,7 +39,7 @@ class Particles:
     covariances: Array  # (3, L, M) xx, xy, yy of the covariances Σ of new features, m²
     gnss_bias: Array  # (2, M) mean of the satellite receiver's bias, m
     calibration: Array  # (2, M) mean range scale error and bearing bias (rad)
-    pending: Array | None = None  # (3, 2, M): the pose waits for this times a standard normal (2,) to be added
+    pending: Array | None = None  # (3, K, M): the pose waits for this times a standard normal (K,) to be added
     _weights: tuple[Array, Array] | None = field(default=None, init=False)  # of which `log_weight`, and they
 
     @classmethod
@@ -140,16 +141,73 @@ class Particles:
         """Return the covariance (3, 3) that waits to be sampled, averaged over the particles."""
         if self.pending is None:
             return np.zeros((3, 3))
-        factor = self.pending.reshape(6, -1)
-        products = (factor * weights) @ factor.T  # of each entry with each other
-        return np.asarray(products[::2, ::2] + products[1::2, 1::2])
+        return np.asarray((self.pending * weights).reshape(3, -1) @ self.pending.reshape(3, -1).T)
 
     def settle(self, rng: np.random.Generator) -> None:
         """Sample what is pending of the poses, in place."""
         if self.pending is not None:
-            draw = rng.standard_normal((len(self), 2))
+            draw = rng.standard_normal((len(self), self.pending.shape[1]))
             self.state[:3] += apply(self.pending, draw.T)
             self.pending = None
+
+    def settle_conditioned(self, mean: Array, spread: Array, rng: np.random.Generator) -> None:
+        """Sample what is pending from normals of mean (K, M) and covariance (K, K, M) in place of standard ones."""
+        assert self.pending is not None  # noqa: S101 - what it was conditioned on was made from it
+        draw = rng.standard_normal((len(self), len(mean))).T
+        if len(mean) == 2:
+            first = np.sqrt(np.maximum(spread[0, 0], 1e-12))
+            second = spread[1, 0] / first
+            third = np.sqrt(np.maximum(spread[1, 1] - second**2, 0.0))
+            noise = mean + np.array([first * draw[0], second * draw[0] + third * draw[1]])
+        else:
+            root = np.asarray(np.linalg.cholesky(spread.transpose(2, 0, 1) + 1e-9 * np.eye(len(mean))), float)
+            noise = mean + apply(root.transpose(1, 2, 0), draw)
+        self.state[:3] += apply(self.pending, noise)
+        self.pending = None
+
+    def leave_open(self, factor: Array) -> None:
+        """Let the pose wait for noise of covariance F Fᵀ, F (3, K), the same for all."""
+        self.pending = np.repeat(factor[:, :, None], len(self), axis=2)
+
+    def many(self, factor: int, width: float, rng: np.random.Generator) -> Particles:
+        """Return `factor` times as many particles, drawn from kernels a share of the cloud wide about these.
+
+        Poses shrink towards their mean so that the cloud keeps its covariance (Liu and West 2001). Particle k comes
+        from particle k // factor; what waits to be sampled is sampled.
+        """
+        self.settle(rng)
+        mean, covariance = self.mean_state()
+        many = Particles(
+            state=np.repeat(self.state, factor, axis=1),
+            log_weight=np.repeat(self.log_weight, factor),
+            means=np.repeat(self.means, factor, axis=2),
+            covariances=np.repeat(self.covariances, factor, axis=2),
+            gnss_bias=np.repeat(self.gnss_bias, factor, axis=1),
+            calibration=np.repeat(self.calibration, factor, axis=1),
+        )
+        delta = many.state[:3] - mean[:3, None]
+        delta[2] = wrap_angle(delta[2])
+        noise = _root(covariance[:3, :3]) @ rng.standard_normal(delta.shape)
+        many.state[:3] = mean[:3, None] + math.sqrt(1.0 - width**2) * delta + width * noise
+        return many
+
+    def stray(self, of: Particles, probability: float, share: float, width: float, rng: np.random.Generator) -> None:
+        """Put a share of the particles, in place, far about the mean pose of others that they were drawn `of`.
+
+        They stand for the case, of the given probability, that the others are astray.
+        """
+        mean, covariance = of.mean_state()
+        astray = np.arange(len(self)) % 10 < 10 * share
+        noise = _root(covariance[:3, :3]) @ rng.standard_normal((3, int(astray.sum())))
+        self.state[:3, astray] = mean[:3, None] + width * noise
+        prior = np.where(astray, probability / share, (1.0 - probability) / (1.0 - share))
+        self.log_weight = self.log_weight + np.log(prior)
+
+    def become(self, many: Particles, chosen: NDArray[np.intp]) -> None:
+        """Take the place of `chosen` (M,) of many particles, all of equal weight, in place."""
+        self.select(chosen // (len(many) // len(self)))
+        self.state = many.state[:, chosen]
+        self.pending = None
 
     def restart(
         self, place: Array, heading: float, position_std: float, heading_std: float, rng: np.random.Generator
@@ -184,3 +242,8 @@ class Particles:
         mean = means @ weights
         x, y = means - mean[:, :, None]
         return mean, (self.covariances.take(slots, axis=1) + np.array([x * x, x * y, y * y])) @ weights
+
+
+def _root(covariance: Array) -> Array:
+    """Return a root (3, 3) of the covariance of a pose, which may be certain of some direction."""
+    return np.asarray(np.linalg.cholesky(covariance + 1e-12 * np.eye(3)))

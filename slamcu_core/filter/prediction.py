@@ -43,7 +43,9 @@ def predict(particles: Particles, travel: Travel, noise: MotionNoise, rng: np.ra
     """
     if travel.time <= 0.0 or (travel.distance == 0.0 and travel.turn == 0.0):
         return
-    particles.settle(rng)
+    kernel = particles.pending if particles.pending is not None and particles.pending.shape[1] == 3 else None
+    if kernel is None:
+        particles.settle(rng)
     state = particles.state
     keep = math.exp(-travel.time / noise.constant_time_s)
     constants = state[3:]
@@ -64,6 +66,10 @@ def predict(particles: Particles, travel: Travel, noise: MotionNoise, rng: np.ra
     np.multiply(chord[1], -0.5 * turn_std, out=pending[0, 1])
     np.multiply(chord[0], 0.5 * turn_std, out=pending[1, 1])
     pending[2, 0], pending[2, 1] = 0.0, turn_std
+    if kernel is not None:  # of the last resampling: a pose that is turned goes another way
+        kernel[0] -= chord[1] * kernel[2]
+        kernel[1] += chord[0] * kernel[2]
+        pending = np.concatenate([kernel, pending], axis=1)
     particles.pending = pending
     state[:2] += chord
     state[2] += turn

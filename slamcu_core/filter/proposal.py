@@ -10,16 +10,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.filter.ekf import apply, inverse, mahalanobis_square, product, transpose
+from slamcu_core.filter.ekf import apply, full, inverse, mahalanobis_square, product, transpose
 from slamcu_core.filter.particles import Particles
 
 Array = NDArray[np.float64]
 
 
 def noise_jacobian(by_pose: Array, pending: Array) -> Array:
-    """Return the Jacobian (2, 2, A, M) of measurements with respect to the standard normal noise that is pending.
+    """Return the Jacobian (2, K, A, M) of measurements with respect to the standard normal noise that is pending.
 
-    `by_pose` is ∂h/∂x (2, 3, A, M) at the predicted pose, `pending` the factor (3, 2, M) of the pose's noise.
+    `by_pose` is ∂h/∂x (2, 3, A, M) at the predicted pose, `pending` the factor (3, K, M) of the pose's noise.
     """
     return product(by_pose, pending[:, :, None])
 
@@ -47,7 +47,7 @@ def condition(
 
     Parameters
     ----------
-    by_noise : (2, 2, A, M) Jacobian with respect to the pending noise.
+    by_noise : (2, K, A, M) Jacobian with respect to the pending noise.
     innovation : (2, A, M) z - ẑ at the predicted pose.
     covariance : (3, A, M) of the innovations, without the pending noise.
     gate : chi-square threshold beyond which a particle takes a measurement as somebody else's.
@@ -59,9 +59,9 @@ def condition(
     assert particles.pending is not None  # noqa: S101 - by_noise was made from it
     measurements, count = innovation.shape[1:]
     log_likelihood = np.empty((measurements, count))
-    mean = np.zeros((2, count))
-    spread = np.zeros((2, 2, count))
-    spread[0, 0] = spread[1, 1] = 1.0
+    noises = by_noise.shape[1]
+    mean, spread = np.zeros((noises, count)), np.zeros((noises, noises, count))
+    spread[np.arange(noises), np.arange(noises)] = 1.0
     for index in range(measurements):
         h = by_noise[:, :, index]
         nu = innovation[:, index] - apply(h, mean)
@@ -70,21 +70,8 @@ def condition(
         q = q00 + covariance[0, index], q01 + covariance[1, index], q11 + covariance[2, index]
         square, determinant = mahalanobis_square(nu, q)
         log_likelihood[index] = -0.5 * square - np.log(2.0 * np.pi) - 0.5 * np.log(determinant)
-        gain = product(across, _full(inverse(q))) * (square < gate)
+        gain = product(across, full(inverse(q))) * (square < gate)
         mean = mean + apply(gain, nu)
         spread = spread - product(gain, transpose(across))
-    draw = rng.standard_normal((count, 2)).T
-    first = np.sqrt(np.maximum(spread[0, 0], 1e-12))
-    second = spread[1, 0] / first
-    third = np.sqrt(np.maximum(spread[1, 1] - second**2, 0.0))
-    mean[1] += second * draw[0] + third * draw[1]
-    mean[0] += first * draw[0]
-    particles.state[:3] += apply(particles.pending, mean)
-    particles.pending = None
+    particles.settle_conditioned(mean, spread, rng)
     return log_likelihood
-
-
-def _full(matrix: Array) -> Array:
-    """Return symmetric matrices (3, ...) as (2, 2, ...)."""
-    xx, xy, yy = matrix
-    return np.array([[xx, xy], [xy, yy]])

@@ -11,23 +11,28 @@ from slamcu_core.geometry import wrap_angle
 Array = NDArray[np.float64]
 
 
-def systematic(weights: Array, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Return M ancestors drawn by systematic resampling from normalised weights (M,).
+def systematic(weights: Array, rng: np.random.Generator, count: int | None = None) -> NDArray[np.intp]:
+    """Return M or `count` ancestors drawn by systematic resampling from normalised weights (M,).
 
     Each particle k is drawn floor(M ω_k) or ceil(M ω_k) times, M ω_k on average.
     """
-    count = len(weights)
+    count = len(weights) if count is None else count
     cumulative = np.cumsum(weights)
     cumulative[-1] = 1.0
     return np.searchsorted(cumulative, (rng.random() + np.arange(count)) / count, side="right").astype(np.intp)
 
 
-def resample(particles: Particles, fraction: float, jitter: float, rng: np.random.Generator) -> bool:
+def resample(
+    particles: Particles, fraction: float, jitter: float, rng: np.random.Generator, *, leave_open: bool = False
+) -> bool:
     """Resample in place if M_eff < α M (eq. 20); return whether it was done.
 
     Copies are spread again by a Gaussian kernel of `jitter` standard deviations of the cloud after shrinking the
     cloud towards its mean by sqrt(1 - jitter²), which keeps mean and covariance (Liu and West 2001): exactly, for what
     chance adds to them at each resampling would add up. What a particle holds as Gaussians given its path moves along.
+
+    With `leave_open` the pose's part of the kernel waits for the next measurement. Where the cloud is in two minds it
+    is as wide as they are apart; sampled at once, it would throw copies out of both.
     """
     if particles.effective >= fraction * len(particles):
         return False
@@ -40,6 +45,10 @@ def resample(particles: Particles, fraction: float, jitter: float, rng: np.rando
     if follows is not None:
         delta = particles.state - mean[:, None]
         delta[2] = wrap_angle(delta[2])
+        if leave_open:
+            particles.state += (np.sqrt(1.0 - jitter**2) - 1.0) * delta
+            _spread_later(particles, jitter**2 * correlation * np.outer(std, std), rng)
+            return True
         root = np.linalg.cholesky(correlation)  # no eigenvectors: their signs are rounding's to choose
         spread = np.sqrt(1.0 - jitter**2) * delta / std[:, None] + jitter * (root @ rng.standard_normal(delta.shape))
         shift = _having(spread, root) * std[:, None] - delta
@@ -80,3 +89,12 @@ def _follow(particles: Particles, shift: Array) -> None:
     particles.gnss_bias += shift[:2]
     particles.calibration += shift[2:4]
     particles.means += shift[4:].reshape(particles.means.shape)
+
+
+def _spread_later(particles: Particles, kernel: Array, rng: np.random.Generator) -> None:
+    """Spread the vehicle's constants by a kernel (6, 6) now and leave the pose's part, given theirs, open; in place."""
+    order = np.array([3, 4, 5, 0, 1, 2])
+    std = np.sqrt(kernel.diagonal())[order]
+    root = std[:, None] * np.linalg.cholesky(kernel[np.ix_(order, order)] / np.outer(std, std))
+    particles.state[order] += root[:, :3] @ rng.standard_normal((3, len(particles)))
+    particles.leave_open(root[3:, 3:])

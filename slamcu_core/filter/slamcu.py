@@ -6,7 +6,7 @@ One step follows the paper's Figure 5: predict (eq. 12), pre-associate (4.3.1), 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,11 @@ from slamcu_core.errors import SlamcuError
 from slamcu_core.filter import existence
 from slamcu_core.filter.beliefs import Beliefs
 from slamcu_core.filter.calibration import GnssBias, SensorCalibration
+from slamcu_core.filter.careful_update import Occasion, weigh_with_care
+from slamcu_core.filter.detectability import DetectionRate
 from slamcu_core.filter.detections import Seen, read_detections
 from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
+from slamcu_core.filter.explanations import in_doubt, settle_on
 from slamcu_core.filter.frame_update import FrameUpdate
 from slamcu_core.filter.health import HealthMonitor
 from slamcu_core.filter.map_management import Instant, MapManagement
@@ -43,6 +46,9 @@ _MEMORY_S = 20.0  # s; dead reckoning is good for so long
 _SEARCH_INTERVAL_S = 2.0  # s between searches while in doubt
 _AGREEMENT = 5  # things seen that must fall on the map for a new pose ...
 _SHARE = 0.7  # ... and share of all that was seen ...
+_STALE_S = 2.0  # s without a sighting that weighs the particles, after which they may lie far apart
+_SURPRISES = 2  # detections in a frame that fit nothing on the map
+_SURE = 0.8  # probability of an explanation from which on finds are made and improved by it
 _BETTER_BY = 3  # ... and so many more than from the old one
 
 
@@ -54,6 +60,9 @@ class _Sensor:
     lookout: Lookout
     update: FrameUpdate
     codes: Index  # of the classes that it detects
+    rates: DetectionRate
+    around: Index | None = None  # the active rows ...
+    unmapped: float = 0.0  # ... and the things per m² of ground that the map is believed to lack among them
     last_frame: float = -np.inf
     occluders: tuple[Occluder, ...] = ()
     occluders_at: float = -np.inf
@@ -127,6 +136,8 @@ class SlamcuFilter:
         self._last_search = -np.inf
         self._candidate: Motion | None = None
         self._riders = Riders()
+        self._doubt = False  # whether the last frame had detections that may be more than one thing
+        self._weighed_at = self._surprised_at = -np.inf
         self._odometer = 0.0  # m
         self._reckoned = np.zeros(3)  # dead reckoning: drifts, but never jumps
 
@@ -134,7 +145,8 @@ class SlamcuFilter:
         codes = np.array([self._names.code(name) for name in model.sensor.classes], dtype=np.intp)
         parts = model, self._table, self._particles, self._calibration
         lookout = Lookout(*parts, codes=codes, gate=self.parameters.gate)
-        return _Sensor(model, lookout, FrameUpdate(*parts, self.parameters), codes)
+        rates = DetectionRate(model.sensor.detection_probability, model.sensor.max_range_m)
+        return _Sensor(model, lookout, FrameUpdate(*parts, self.parameters), codes, rates)
 
     # --- what comes in ---------------------------------------------------------------------------------------------
 
@@ -197,7 +209,8 @@ class SlamcuFilter:
         self._predict()
 
     def _resample(self) -> None:
-        resample(self._particles, self.parameters.resample_fraction, self.parameters.jitter, self._rng)
+        fraction, jitter = self.parameters.resample_fraction, self.parameters.jitter
+        resample(self._particles, fraction, jitter, self._rng, leave_open=self._doubt)
 
     # --- one frame -------------------------------------------------------------------------------------------------
 
@@ -230,38 +243,96 @@ class SlamcuFilter:
             self._particles.settle(self._rng)
         return self._close(self._management.out_of_view(record.t))
 
+    def _unmapped(self, reach_m: float, place: Array) -> float:
+        """Return how many things per m² the map may lack: a share of what it has within reach, at least of one."""
+        rows = self._around.rows
+        mapped = rows[self._table.kind[rows] == Kind.MAP]
+        near = np.hypot(*(self._table.xy[mapped] - place).T) < reach_m
+        return self.parameters.unmapped_share * max(int(np.count_nonzero(near)), 1) / (np.pi * reach_m**2)
+
     def _manage(self, sensor: _Sensor, view: View, seen: Seen, now: Instant) -> None:
         """Take one frame through section 4.3 and 5.2-5.3."""
         table, management, update = self._table, self._management, sensor.update
-        columns, squares = update.pre_associate(view, seen)
+        if sensor.around is not self._around.rows:
+            sensor.around = self._around.rows
+            sensor.unmapped = self._unmapped(sensor.model.sensor.max_range_m, now.pose[:2])
+        log_unknown = update.log_unknown(seen, sensor.unmapped)
+        columns, squares, score = update.pre_associate(view, seen, log_unknown)
+        unseen = certain = None
+        occasion = self._occasion(view, score, now.t)
+        if occasion is not None:
+            shares = weigh_with_care(
+                update,
+                view,
+                seen,
+                score,
+                management.supports(view.rows[: view.close]),
+                log_unknown=log_unknown,
+                occasion=occasion,
+                share=now.share,
+                rng=self._rng,
+            )
+            columns, certain = settle_on(shares)
+            seen = replace(seen, weight=-np.log1p(np.expm1(-seen.weight) * certain))
+            unseen = np.ones(len(view.rows))
+            unseen[: view.close] -= np.minimum(shares.sum(axis=0), 1.0)
         detections = (columns >= 0).nonzero()[0]
         matched = columns[detections]
         # noise by the expected range: by the measured one, short readings would weigh more than long ones
         seen.noise[:, detections] = sensor.model.noise(view.marginal.mean[:, matched])
-        management.update_existence(sensor.model, view, seen, (detections, matched), now)
+        management.update_existence(
+            sensor.model, sensor.rates, view, seen, (detections, matched), now=now, unseen=unseen
+        )
         # association with Normal and New only (4.3.4), by the classes after this frame's evidence (4.3.3)
         rows = view.rows[matched]
         kind, usable = table.kind[rows], management.supports(rows)
-        promised = float(view.shown[table.kind[view.rows] == Kind.MAP].sum())
+        promised = (view.shown * sensor.rates.at(view.distance))[table.kind[view.rows] == Kind.MAP].sum()
         self._monitor.observe(
             squares[detections[usable], matched[usable]].tolist(),
             len(columns),
             len(columns) - len(detections),
-            expected=sensor.model.sensor.detection_probability * promised,
+            expected=float(promised),
             found=int((kind == Kind.MAP).sum()),
             share=now.share,
         )
-        matches = update.weigh(view, seen, (detections, matched), usable, share=now.share, rng=self._rng)
-        if len(rows):
+        if usable.any():
+            self._weighed_at = now.t
+        told = detections
+        if certain is None:
+            matches = update.weigh(view, seen, (detections, matched), usable, share=now.share, rng=self._rng)
+        else:
+            sure = certain[detections] > _SURE
+            matches = update.match(view, seen, (detections[sure], matched[sure]))
+            usable, told = usable[sure], detections[sure]
+        if len(matches.close.rows):
             update.calibrate(matches, usable, now.share)
             update.update_new(matches, now.share)
-            management.follow_watched(sensor.model, seen, (detections, rows), now)
+            management.follow_watched(sensor.model, seen, (told, matches.close.rows), now)
+        if len(rows):
             table.looks_hit[rows] += now.share
         management.forget_refuted(view.rows)
         if len(detections) < len(columns):
             alone = (columns < 0).nonzero()[0]
             known = (seen.feature_class[alone, None] == sensor.codes).any(axis=1)
+            if certain is not None:
+                known &= certain[alone] > _SURE
             management.give_birth(sensor.model, seen, alone[known], now)
+
+    def _occasion(self, view: View, score: Array, t: float) -> Occasion | None:
+        """Return why a frame has to be taken with care; None if it need not be."""
+        if not len(score):
+            return None
+        by_map = score[:, : view.mapped]
+        surprised = int((by_map.max(axis=1, initial=-np.inf) <= 0.0).sum()) >= _SURPRISES
+        surprised &= t - self._surprised_at > _STALE_S
+        stale = t - self._weighed_at > _STALE_S and bool((score > -np.inf).any())
+        if not (surprised or stale or in_doubt(score)):
+            self._doubt = False
+            return None
+        if surprised:
+            self._surprised_at = t
+        self._doubt = True
+        return Occasion(stale, surprised)
 
     def _remember(self, model: SensorModel, seen: Seen, now: Instant) -> None:
         if not seen.measurement.shape[1]:

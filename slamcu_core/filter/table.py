@@ -38,6 +38,7 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     "open": (np.bool_, ()),
     "pass_start": (np.float64, ()),
     "pass_last": (np.float64, ()),
+    "best_view": (np.float64, ()),  # largest probability in the pass with which it could have been seen
     "evidence": (np.float64, (9,)),  # sums that a frame adds to; its parts are named in _PARTS
     "sighted": (np.float64, (13,)),  # sums over the sightings of the pass; its parts are named in _PARTS
     # regression of place along the road on time: does it stand still?
@@ -97,6 +98,7 @@ class FeatureTable:
     open: NDArray[np.bool_]
     pass_start: Array
     pass_last: Array
+    best_view: Array
     pass_for: Array
     pass_against: Array
     detected: Array
@@ -190,6 +192,7 @@ class FeatureTable:
         self.open[rows] = True
         self.pass_start[rows] = t
         self.evidence[rows, _OF_THE_PASS] = 0.0
+        self.best_view[rows] = 0.0
         self.sighted[rows] = 0.0
         self.passes[rows] += 1
 

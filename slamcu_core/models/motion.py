@@ -41,11 +41,12 @@ class MotionNoise:
         """Return the noise of a small wheeled robot that logs commanded, not measured, speeds."""
         return cls(
             distance_std=0.05,
-            turn_std=0.2,
-            drift_std=0.05,
+            turn_std=0.1,
+            drift_std=0.02,
             speed_scale_std=0.05,
-            yaw_scale_std=0.08,
+            yaw_scale_std=0.12,
             yaw_bias_std=0.005,
+            constant_time_s=60.0,
         )
 
 

@@ -1,0 +1,135 @@
+"""A frame whose detections are in doubt, or come as a surprise, through the particles.
+
+Three things lose a particle filter that the plain frame update (`frame_update`) cannot mend. A detection may be more
+than one thing: then each particle weighs all of them (`explanations`). After a long way without sightings the particles
+lie too far apart for any of them to fit what comes into view: then new ones are drawn about them by what is seen. And
+odometry may have failed, so that what is seen fits nothing: then some of those are drawn far off, and the map alone
+says whether they are right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamcu_core.filter import explanations, proposal
+from slamcu_core.filter.detections import Seen
+from slamcu_core.filter.explanations import Explanations, Weighed
+from slamcu_core.filter.frame_update import FrameUpdate
+from slamcu_core.filter.particles import Particles
+from slamcu_core.filter.resampling import systematic
+from slamcu_core.filter.table import Kind
+from slamcu_core.filter.view import View
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_UNLIKELY = -7.0  # ln of the density over that of the unknown below which a feature is no explanation
+_WIDE = 5.0  # times the area of the measurement's noise: so far apart, few particles fit any one explanation
+_MANY = 20  # particles drawn for each
+_KERNEL = 0.5  # width of the kernels that they are drawn from, in standard deviations of the cloud
+_ASTRAY = 0.02  # chance that odometry failed, when what is seen is a surprise ...
+_ASTRAY_SHARE = 0.5  # ... share of the particles drawn for that case ...
+_ASTRAY_WIDTH = 5.0  # ... and how far off, in standard deviations of the cloud
+
+
+@dataclass(frozen=True, slots=True)
+class _Question:
+    """Which of the columns (C,) of a view the detections may be, as `possible` (D, C) says, or something unknown."""
+
+    view: View
+    seen: Seen
+    columns: Index
+    possible: NDArray[np.bool_]
+    log_unknown: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Occasion:
+    """Why a frame is taken with care."""
+
+    stale: bool  # nothing that weighs the particles has been seen for long
+    surprised: bool  # several detections fit nothing on the map
+
+
+def weigh_with_care(
+    update: FrameUpdate,
+    view: View,
+    seen: Seen,
+    score: Array,
+    usable: NDArray[np.bool_],
+    *,
+    occasion: Occasion,
+    log_unknown: Array,
+    share: float,
+    rng: np.random.Generator,
+) -> Array:
+    """Weigh the particles by all that the detections may be; return the share (D, C) of each explanation.
+
+    Parameters
+    ----------
+    score : (D, C) ln of the density of each feature over that of something unknown, -inf beyond the gate.
+    usable : (C,) which rows are Normal or New, so that the car may localize on them.
+    log_unknown : (D,) ln of the density of that.
+    share : of the frame's evidence that is its own.
+
+    Leaves the poses sampled.
+    """
+    particles = update.particles
+    possible = score > _UNLIKELY
+    if occasion.surprised:  # by the map alone: what was found from a wrong pose would speak for it
+        usable = usable & (update.table.kind[view.rows[: view.close]] == Kind.MAP)
+        possible |= usable & update.fits(view, seen)
+    # what must not weigh the particles is as likely in all of them
+    others = np.exp(np.where(possible & ~usable, score, -np.inf))
+    log_unknown = log_unknown + np.log1p(others.sum(axis=1))
+    columns = (possible.any(axis=0) & usable).nonzero()[0]
+    question = _Question(view, seen, columns, possible[:, columns], log_unknown)
+    shares = np.zeros(score.shape)
+    if not len(columns):
+        particles.settle(rng)
+    elif occasion.surprised or (occasion.stale and _wide(view, seen, score)):
+        many = particles.many(_MANY, _KERNEL, rng)
+        if occasion.surprised:
+            many.stray(particles, _ASTRAY, _ASTRAY_SHARE, _ASTRAY_WIDTH, rng)
+        weighed, temper = _weigh(replace(update, particles=many), question, share, rng)
+        many.log_weight = many.log_weight + temper * weighed.log_likelihood
+        shares[:, columns] = weighed.shares @ many.weights
+        particles.become(many, systematic(many.weights, rng, len(particles)))
+    else:
+        weighed, temper = _weigh(update, question, share, rng)
+        if len(weighed.mean):
+            particles.settle_conditioned(weighed.mean, weighed.spread, rng)
+        particles.log_weight = particles.log_weight + temper * weighed.log_likelihood
+        shares[:, columns] = weighed.shares @ particles.weights
+    left = 1.0 - shares.sum(axis=1, keepdims=True)
+    return np.asarray(shares + left * others / (1.0 + others.sum(axis=1, keepdims=True)))
+
+
+def _wide(view: View, seen: Seen, score: Array) -> bool:
+    """Return whether the particles lie too far apart for enough of them to fit each explanation."""
+    xx, xy, yy = view.marginal.covariance
+    area = np.sqrt((xx * yy - xy * xy) / seen.noise.prod(axis=0)[:, None])
+    return bool((area[score > _UNLIKELY] > _WIDE).any())
+
+
+def _weigh(update: FrameUpdate, question: _Question, share: float, rng: np.random.Generator) -> tuple[Weighed, float]:
+    """Weigh the particles of an update as they are, and return how much of the likelihood is to count."""
+    particles: Particles = update.particles
+    view, seen, columns = question.view, question.seen, question.columns
+    noise = update.model.noise(view.marginal.mean[:, columns])
+    close = update.examine(view, columns)
+    q = update.innovation_covariance(close, noise)
+    by_noise = None
+    if particles.pending is not None and proposal.pays(view.by_motion[:, columns], view.by_place[:, columns] + noise):
+        by_noise = proposal.noise_jacobian(update.model.by_pose(close.sight, close.by_feature), particles.pending)
+        q, share = q / share, 1.0
+    elif particles.pending is not None:
+        particles.settle(rng)
+        close = update.examine(view, columns)
+    innovation = update.model.innovation(seen.measurement[:, :, None, None], update.calibrated(close.sight)[:, None])
+    return explanations.weigh(
+        Explanations(innovation, q, by_noise, question.possible, question.log_unknown), rng
+    ), share

@@ -1,0 +1,123 @@
+"""What a detection may be, where that is in doubt: every particle weighs all explanations and draws one of them.
+
+Association is one for all particles (section 4.3.1) where it is clear. Where two features explain a detection about as
+well, or a feature and something that nobody knows of, to commit to one drags every particle after it; if it was wrong,
+the right pose has no particle left when the next things come into view. So there each particle weighs them all,
+conditions its pose on one that it draws by their weights (Monte Carlo data association, Montemerlo 2003), and the
+shares of the explanations over the particles say how much of the detection is evidence for which feature.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamcu_core.filter.assignment import assign
+from slamcu_core.filter.ekf import apply, full, inverse, mahalanobis_square, product, transpose
+
+Array = NDArray[np.float64]
+
+_LN_2PI = float(np.log(2.0 * np.pi))
+_CLEAR = 0.98  # share of an explanation that leaves no doubt
+_NEGLIGIBLE = 0.005  # share of one that need not be considered
+
+
+@dataclass(frozen=True, slots=True)
+class Explanations:
+    """What D detections may be: C features, as M particles see them, or something unknown.
+
+    `innovation` (2, D, C, M) is z - ẑ at the predicted poses, `covariance` (3, C, M) that of it without the pending
+    noise, `by_noise` (2, K, C, M) its Jacobian with respect to that noise, None if it is not to be conditioned;
+    `possible` (D, C) says what is to be considered, `log_unknown` (D,) is ln of the density of anything else.
+    """
+
+    innovation: Array
+    covariance: Array
+    by_noise: Array | None
+    possible: NDArray[np.bool_]
+    log_unknown: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Weighed:
+    """What explanations make of M particles.
+
+    `log_likelihood` (M,), the `shares` (D, C, M) of the explanations in each particle, and `mean` (K, M) and `spread`
+    (K, K, M) of the pending noise given those that each particle drew; without K if that was not asked for.
+    """
+
+    log_likelihood: Array
+    shares: Array
+    mean: Array
+    spread: Array
+
+
+def shared_out(score: Array) -> Array:
+    """Return the posterior (D, F) of features by ln of their density over that of the unknown, (D, F).
+
+    What a row lacks to 1 is the share of something unknown.
+    """
+    top = np.maximum(score.max(axis=1, initial=0.0), 0.0)[:, None]
+    each = np.exp(score - top)
+    return np.asarray(each / (each.sum(axis=1, keepdims=True) + np.exp(-top)))
+
+
+def in_doubt(score: Array) -> bool:
+    """Return whether any detection has a feature for an explanation, but none beyond doubt; `score` as above."""
+    best = shared_out(score).max(axis=1, initial=0.0)
+    return bool(((best > _NEGLIGIBLE) & (best < _CLEAR)).any())
+
+
+def settle_on(shares: Array) -> tuple[NDArray[np.intp], Array]:
+    """Return which feature each of D detections is taken for, one to one, or -1, and how probable that is, (D,)."""
+    unknown = np.maximum(1.0 - shares.sum(axis=1), 1e-9)
+    columns = assign(np.log(np.maximum(shares, 1e-300)) - np.log(unknown)[:, None])
+    return columns, np.where(columns >= 0, shares[np.arange(len(columns)), columns], unknown)
+
+
+def weigh(explanations: Explanations, rng: np.random.Generator) -> Weighed:
+    """Weigh every particle by all explanations of the detections, one detection after the other.
+
+    An explanation counts neither by how sure its feature is nor by how many particles have it in view: both are the
+    same in the next frame, and would count again in each.
+    """
+    h, possible = explanations.by_noise, explanations.possible
+    count = explanations.innovation.shape[-1]
+    noises = 0 if h is None else h.shape[1]
+    mean, spread = np.zeros((noises, count)), np.zeros((noises, noises, count))
+    spread[np.arange(noises), np.arange(noises)] = 1.0
+    log_likelihood, shares = np.zeros(count), np.zeros((*possible.shape, count))
+    for index in range(len(possible)):
+        chosen = possible[index].nonzero()[0]
+        if not len(chosen):
+            continue
+        nu, q = explanations.innovation[:, index, chosen], explanations.covariance[:, chosen]
+        across = None
+        if h is not None:
+            mine = h[:, :, chosen]
+            nu = nu - apply(mine, mean[:, None])
+            across = product(spread[:, :, None], transpose(mine))
+            (xx, xy), (_, yy) = product(mine, across)
+            q = q + np.array([xx, xy, yy])
+        square, determinant = mahalanobis_square(nu, q)
+        log = np.empty((len(chosen) + 1, count))
+        log[:-1] = -0.5 * (square + np.log(determinant)) - _LN_2PI
+        log[-1] = explanations.log_unknown[index]
+        top = log.max(axis=0)
+        each = np.exp(log - top)
+        total = each.sum(axis=0)
+        each /= total
+        log_likelihood += top + np.log(total)
+        shares[index, chosen] = each[:-1]
+        if across is None:
+            continue
+        drawn = (each.cumsum(axis=0) < rng.random(count)).sum(axis=0)
+        known, every = drawn < len(chosen), np.arange(count)
+        drawn = np.minimum(drawn, len(chosen) - 1)
+        along = across[:, :, drawn, every]
+        gain = product(along, full(inverse(q[:, drawn, every]))) * known
+        mean = mean + apply(gain, nu[:, drawn, every])
+        spread = spread - product(gain, transpose(along))
+    return Weighed(log_likelihood, shares, mean, spread)
