@@ -320,7 +320,7 @@ class SlamcuFilter:
 
     def _occasion(self, view: View, score: Array, t: float) -> Occasion | None:
         """Return why a frame has to be taken with care; None if it need not be."""
-        if not len(score):
+        if not score.size:
             return None
         by_map = score[:, : view.mapped]
         surprised = int((by_map.max(axis=1, initial=-np.inf) <= 0.0).sum()) >= _SURPRISES
