@@ -71,7 +71,7 @@ def in_doubt(score: Array) -> bool:
 
 
 def settle_on(shares: Array) -> tuple[NDArray[np.intp], Array]:
-    """Return which feature each of D detections is taken for, one to one, or -1, and how probable that is, (D,): 1 beyond doubt."""
+    """Return the feature that each of D detections is taken for, one to one, or -1, and how probable that is, (D,)."""
     unknown = np.maximum(1.0 - shares.sum(axis=1), 1e-9)
     columns = assign(np.log(np.maximum(shares, 1e-300)) - np.log(unknown)[:, None])
     certain = np.where(columns >= 0, shares[np.arange(len(columns)), columns], unknown)

@@ -285,14 +285,16 @@ class SlamcuFilter:
         )
         # association with Normal and New only (4.3.4), by the classes after this frame's evidence (4.3.3)
         rows = view.rows[matched]
-        kind, usable = table.kind[rows], management.supports(rows)
-        promised = (view.shown * sensor.rates.at(view.distance))[table.kind[view.rows] == Kind.MAP].sum()
+        usable = management.supports(rows)
+        mapped = table.kind[view.rows] == Kind.MAP
+        due, hit = now.share * view.shown * sensor.rates.at(view.distance), np.zeros(len(view.rows))
+        hit[matched] = now.share
+        self._monitor.note(now.t, view.rows, mapped, due, hit)
         self._monitor.observe(
             squares[detections[usable], matched[usable]].tolist(),
             len(columns),
             len(columns) - len(detections),
-            expected=float(promised),
-            found=int((kind == Kind.MAP).sum()),
+            expected=float(due[mapped].sum()),
             share=now.share,
         )
         if usable.any():
