@@ -51,7 +51,7 @@ class View(NamedTuple):
     marginal: Marginal
     by_place: Array
     by_motion: Array
-    distance: Array  # (F,) m, averaged over the particles
+    distance: Array  # (F,) m, from the mean pose
 
 
 class _Outline(NamedTuple):
@@ -120,11 +120,10 @@ class Lookout:
         predicted = self._calibrated(sight, out=memory[4:])
         marginal = marginalise(predicted, weights, extra, scratch=memory[:2])
 
-        distance = outline.distance
-        distance[:close] = mean_distance
         hidden, shown = np.zeros(count), visible
         if occluders:
-            bearing = outline.bearing
+            distance, bearing = outline.distance.copy(), outline.bearing
+            distance[:close] = mean_distance
             std = np.full(count, _POSITION_STD)
             if self._model.has_bearing:
                 std[close:] = self._bearing_std(rows[close:], distance[close:], covariance)
@@ -132,7 +131,7 @@ class Lookout:
             bearing[mapped:close] = np.arctan2(place[1, mapped:], place[0, mapped:])
             hidden = occlusion_probability(occluders, distance, bearing, std)
             shown = visible * (1.0 - hidden)
-        return View(rows, close, mapped, visible, hidden, shown, marginal, by_place, by_motion, distance)
+        return View(rows, close, mapped, visible, hidden, shown, marginal, by_place, by_motion, outline.distance)
 
     def _within_reach(self, around: Index, mean: Array) -> _Outline:
         """Look from the mean pose (3,) and keep what the sensor could see from near there."""
