@@ -6,21 +6,18 @@ One step follows the paper's Figure 5: predict (eq. 12), pre-associate (4.3.1), 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.drive import DetectionFrame, DriveHeader, GnssFix, ObjectFrame, Occluder, Odometry, Record
+from slamcu_core.drive import DetectionFrame, DriveHeader, GnssFix, ObjectFrame, Odometry, Record
 from slamcu_core.errors import SlamcuError
 from slamcu_core.filter import existence
 from slamcu_core.filter.beliefs import Beliefs
 from slamcu_core.filter.calibration import GnssBias, SensorCalibration
-from slamcu_core.filter.careful_update import Occasion, weigh_with_care
 from slamcu_core.filter.detectability import DetectionRate
 from slamcu_core.filter.detections import Seen, read_detections
 from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
-from slamcu_core.filter.explanations import in_doubt, settle_on
+from slamcu_core.filter.frame_handling import FrameHandling, SensorAtWork
 from slamcu_core.filter.frame_update import FrameUpdate
 from slamcu_core.filter.health import HealthMonitor
 from slamcu_core.filter.map_management import Instant, MapManagement
@@ -33,7 +30,7 @@ from slamcu_core.filter.relocation import Memory, Motion, Sightings, agreement, 
 from slamcu_core.filter.resampling import resample
 from slamcu_core.filter.riders import Riders
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
-from slamcu_core.filter.view import Lookout, View
+from slamcu_core.filter.view import Lookout
 from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass, rotation
 from slamcu_core.hd_map import HDMap
 from slamcu_core.models import SensorModel, advance, yaw_rate_from_steering
@@ -46,26 +43,7 @@ _MEMORY_S = 20.0  # s; dead reckoning is good for so long
 _SEARCH_INTERVAL_S = 2.0  # s between searches while in doubt
 _AGREEMENT = 5  # things seen that must fall on the map for a new pose ...
 _SHARE = 0.7  # ... and share of all that was seen ...
-_STALE_S = 2.0  # s without a sighting that weighs the particles, after which they may lie far apart
-_SURPRISES = 2  # detections in a frame that fit nothing on the map
-_SURE = 0.8  # probability of an explanation from which on finds are made and improved by it
 _BETTER_BY = 3  # ... and so many more than from the old one
-
-
-@dataclass(slots=True)
-class _Sensor:
-    """A sensor at work."""
-
-    model: SensorModel
-    lookout: Lookout
-    update: FrameUpdate
-    codes: Index  # of the classes that it detects
-    rates: DetectionRate
-    around: Index | None = None  # the active rows ...
-    unmapped: float = 0.0  # ... and the things per m² of ground that the map is believed to lack among them
-    last_frame: float = -np.inf
-    occluders: tuple[Occluder, ...] = ()
-    occluders_at: float = -np.inf
 
 
 class SlamcuFilter:
@@ -128,6 +106,14 @@ class SlamcuFilter:
         )
         self._sensors = {sensor.id: self._install(SensorModel(sensor)) for sensor in header.sensors}
         self._monitor = HealthMonitor()
+        self._frames = FrameHandling(
+            self._table,
+            around=self._around,
+            management=self._management,
+            monitor=self._monitor,
+            unmapped_share=self.parameters.unmapped_share,
+            rng=rng,
+        )
         self._time = 0.0
         self._speed = 0.0
         self._yaw_rate = 0.0
@@ -136,17 +122,15 @@ class SlamcuFilter:
         self._last_search = -np.inf
         self._candidate: Motion | None = None
         self._riders = Riders()
-        self._doubt = False  # whether the last frame had detections that may be more than one thing
-        self._weighed_at = self._surprised_at = -np.inf
         self._odometer = 0.0  # m
         self._reckoned = np.zeros(3)  # dead reckoning: drifts, but never jumps
 
-    def _install(self, model: SensorModel) -> _Sensor:
+    def _install(self, model: SensorModel) -> SensorAtWork:
         codes = np.array([self._names.code(name) for name in model.sensor.classes], dtype=np.intp)
         parts = model, self._table, self._particles, self._calibration
         lookout = Lookout(*parts, codes=codes, gate=self.parameters.gate)
         rates = DetectionRate(model.sensor.detection_probability, model.sensor.max_range_m)
-        return _Sensor(model, lookout, FrameUpdate(*parts, self.parameters), codes, rates)
+        return SensorAtWork(model, lookout, FrameUpdate(*parts, self.parameters), codes, rates)
 
     # --- what comes in ---------------------------------------------------------------------------------------------
 
@@ -210,11 +194,11 @@ class SlamcuFilter:
 
     def _resample(self) -> None:
         fraction, jitter = self.parameters.resample_fraction, self.parameters.jitter
-        resample(self._particles, fraction, jitter, self._rng, leave_open=self._doubt)
+        resample(self._particles, fraction, jitter, self._rng, leave_open=self._frames.in_doubt)
 
     # --- one frame -------------------------------------------------------------------------------------------------
 
-    def _frame(self, record: DetectionFrame, sensor: _Sensor) -> list[PassReport]:
+    def _frame(self, record: DetectionFrame, sensor: SensorAtWork) -> list[PassReport]:
         seen = read_detections(sensor.model, record.items, self._names)
         if record.t <= sensor.last_frame:
             raise SlamcuError(f"sensor {record.sensor!r} has two frames at t = {record.t} s")
@@ -233,7 +217,7 @@ class SlamcuFilter:
         view = sensor.lookout.look(self._around.rows, cloud, seen, occluders)
         if view is not None:
             now = Instant(record.t, share, pose, self._reckoned, self._speed)
-            self._manage(sensor, view, seen, now)
+            self._frames.take(sensor, view, seen, now)
             self._resample()
             self._remember(sensor.model, seen, now)
             if self._monitor.doubtful and record.t - self._last_search > _SEARCH_INTERVAL_S:
@@ -242,99 +226,6 @@ class SlamcuFilter:
         else:
             self._particles.settle(self._rng)
         return self._close(self._management.out_of_view(record.t))
-
-    def _unmapped(self, reach_m: float, place: Array) -> float:
-        """Return how many things per m² the map may lack: a share of what it has within reach, at least of one."""
-        rows = self._around.rows
-        mapped = rows[self._table.kind[rows] == Kind.MAP]
-        near = np.hypot(*(self._table.xy[mapped] - place).T) < reach_m
-        return self.parameters.unmapped_share * max(int(np.count_nonzero(near)), 1) / (np.pi * reach_m**2)
-
-    def _manage(self, sensor: _Sensor, view: View, seen: Seen, now: Instant) -> None:
-        """Take one frame through section 4.3 and 5.2-5.3."""
-        table, management, update = self._table, self._management, sensor.update
-        if sensor.around is not self._around.rows:
-            sensor.around = self._around.rows
-            sensor.unmapped = self._unmapped(sensor.model.sensor.max_range_m, now.pose[:2])
-        log_unknown = update.log_unknown(seen, sensor.unmapped)
-        columns, squares, score = update.pre_associate(view, seen, log_unknown)
-        unseen = certain = None
-        occasion = self._occasion(view, score, now.t)
-        if occasion is not None:
-            shares = weigh_with_care(
-                update,
-                view,
-                seen,
-                score,
-                management.supports(view.rows[: view.close]),
-                log_unknown=log_unknown,
-                occasion=occasion,
-                share=now.share,
-                rng=self._rng,
-            )
-            columns, certain = settle_on(shares)
-            seen = replace(seen, weight=-np.log1p(np.expm1(-seen.weight) * certain))
-            unseen = np.ones(len(view.rows))
-            unseen[: view.close] -= np.minimum(shares.sum(axis=0), 1.0)
-        detections = (columns >= 0).nonzero()[0]
-        matched = columns[detections]
-        # noise by the expected range: by the measured one, short readings would weigh more than long ones
-        seen.noise[:, detections] = sensor.model.noise(view.marginal.mean[:, matched])
-        management.update_existence(
-            sensor.model, sensor.rates, view, seen, (detections, matched), now=now, unseen=unseen
-        )
-        # association with Normal and New only (4.3.4), by the classes after this frame's evidence (4.3.3)
-        rows = view.rows[matched]
-        usable = management.supports(rows)
-        mapped = table.kind[view.rows] == Kind.MAP
-        due, hit = now.share * view.shown * sensor.rates.at(view.distance), np.zeros(len(view.rows))
-        hit[matched] = now.share
-        self._monitor.note(now.t, view.rows, mapped, due, hit)
-        self._monitor.observe(
-            squares[detections[usable], matched[usable]].tolist(),
-            len(columns),
-            len(columns) - len(detections),
-            expected=float(due[mapped].sum()),
-            share=now.share,
-        )
-        if usable.any():
-            self._weighed_at = now.t
-        told = detections
-        if certain is None:
-            matches = update.weigh(view, seen, (detections, matched), usable, share=now.share, rng=self._rng)
-        else:
-            sure = certain[detections] > _SURE
-            matches = update.match(view, seen, (detections[sure], matched[sure]))
-            usable, told = usable[sure], detections[sure]
-        if len(matches.close.rows):
-            update.calibrate(matches, usable, now.share)
-            update.update_new(matches, now.share)
-            management.follow_watched(sensor.model, seen, (told, matches.close.rows), now)
-        if len(rows):
-            table.looks_hit[rows] += now.share
-        management.forget_refuted(view.rows)
-        if len(detections) < len(columns):
-            alone = (columns < 0).nonzero()[0]
-            known = (seen.feature_class[alone, None] == sensor.codes).any(axis=1)
-            if certain is not None:
-                known &= certain[alone] > _SURE
-            management.give_birth(sensor.model, seen, alone[known], now)
-
-    def _occasion(self, view: View, score: Array, t: float) -> Occasion | None:
-        """Return why a frame has to be taken with care; None if it need not be."""
-        if not score.size:
-            return None
-        by_map = score[:, : view.mapped]
-        surprised = int((by_map.max(axis=1, initial=-np.inf) <= 0.0).sum()) >= _SURPRISES
-        surprised &= t - self._surprised_at > _STALE_S
-        stale = t - self._weighed_at > _STALE_S and bool((score > -np.inf).any())
-        if not (surprised or stale or in_doubt(score)):
-            self._doubt = False
-            return None
-        if surprised:
-            self._surprised_at = t
-        self._doubt = True
-        return Occasion(stale, surprised)
 
     def _remember(self, model: SensorModel, seen: Seen, now: Instant) -> None:
         if not seen.measurement.shape[1]:

@@ -1,0 +1,159 @@
+"""One frame through sections 4.3 and 5.2-5.3, from its detections to evidence, weights and finds.
+
+`SlamcuFilter` says when a frame is taken and what becomes of the drive; here is what the frame itself changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamcu_core.drive import Occluder
+from slamcu_core.filter.careful_update import Occasion, weigh_with_care
+from slamcu_core.filter.detectability import DetectionRate
+from slamcu_core.filter.detections import Seen
+from slamcu_core.filter.explanations import in_doubt, settle_on
+from slamcu_core.filter.frame_update import FrameUpdate
+from slamcu_core.filter.health import HealthMonitor
+from slamcu_core.filter.map_management import Instant, MapManagement
+from slamcu_core.filter.neighbourhood import Neighbourhood
+from slamcu_core.filter.table import FeatureTable, Kind
+from slamcu_core.filter.view import Lookout, View
+from slamcu_core.models import SensorModel
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_STALE_S = 2.0  # s without a sighting that weighs the particles, after which they may lie far apart
+_SURPRISES = 2  # detections in a frame that fit nothing on the map
+_SURE = 0.8  # probability of an explanation from which on finds are made and improved by it
+
+
+@dataclass(slots=True)
+class SensorAtWork:
+    """A sensor at work, and what is kept of it from frame to frame."""
+
+    model: SensorModel
+    lookout: Lookout
+    update: FrameUpdate
+    codes: Index  # of the classes that it detects
+    rates: DetectionRate
+    around: Index | None = None  # the active rows ...
+    unmapped: float = 0.0  # ... and the things per m² of ground that the map is believed to lack among them
+    last_frame: float = -np.inf
+    occluders: tuple[Occluder, ...] = ()
+    occluders_at: float = -np.inf
+
+
+class FrameHandling:
+    """Takes the frames of a drive, one after the other, from whichever sensor."""
+
+    def __init__(
+        self,
+        table: FeatureTable,
+        *,
+        around: Neighbourhood,
+        management: MapManagement,
+        monitor: HealthMonitor,
+        unmapped_share: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self._table, self._around, self._management, self._monitor = table, around, management, monitor
+        self._unmapped_share, self._rng = unmapped_share, rng
+        self._weighed_at = self._surprised_at = -np.inf
+        self.in_doubt = False  # whether the last frame had detections that may be more than one thing
+
+    def take(self, sensor: SensorAtWork, view: View, seen: Seen, now: Instant) -> None:
+        """Take one frame through section 4.3 and 5.2-5.3."""
+        table, management, update = self._table, self._management, sensor.update
+        if sensor.around is not self._around.rows:
+            sensor.around = self._around.rows
+            sensor.unmapped = self._unmapped(sensor.model.sensor.max_range_m, now.pose[:2])
+        log_unknown = update.log_unknown(seen, sensor.unmapped)
+        columns, squares, score = update.pre_associate(view, seen, log_unknown)
+        unseen = certain = None
+        occasion = self._occasion(view, score, now.t)
+        if occasion is not None:
+            shares = weigh_with_care(
+                update,
+                view,
+                seen,
+                score,
+                management.supports(view.rows[: view.close]),
+                log_unknown=log_unknown,
+                occasion=occasion,
+                share=now.share,
+                rng=self._rng,
+            )
+            columns, certain = settle_on(shares)
+            seen = replace(seen, weight=-np.log1p(np.expm1(-seen.weight) * certain))
+            unseen = np.ones(len(view.rows))
+            unseen[: view.close] -= np.minimum(shares.sum(axis=0), 1.0)
+        detections = (columns >= 0).nonzero()[0]
+        matched = columns[detections]
+        # noise by the expected range: by the measured one, short readings would weigh more than long ones
+        seen.noise[:, detections] = sensor.model.noise(view.marginal.mean[:, matched])
+        management.update_existence(
+            sensor.model, sensor.rates, view, seen, (detections, matched), now=now, unseen=unseen
+        )
+        # association with Normal and New only (4.3.4), by the classes after this frame's evidence (4.3.3)
+        rows = view.rows[matched]
+        usable = management.supports(rows)
+        mapped = table.kind[view.rows] == Kind.MAP
+        due, hit = now.share * view.shown * sensor.rates.at(view.distance), np.zeros(len(view.rows))
+        hit[matched] = now.share
+        self._monitor.note(now.t, view.rows, mapped, due, hit)
+        self._monitor.observe(
+            squares[detections[usable], matched[usable]].tolist(),
+            len(columns),
+            len(columns) - len(detections),
+            expected=float(due[mapped].sum()),
+            share=now.share,
+        )
+        if usable.any():
+            self._weighed_at = now.t
+        told = detections
+        if certain is None:
+            matches = update.weigh(view, seen, (detections, matched), usable, share=now.share, rng=self._rng)
+        else:
+            sure = certain[detections] > _SURE
+            matches = update.match(view, seen, (detections[sure], matched[sure]))
+            usable, told = usable[sure], detections[sure]
+        if len(matches.close.rows):
+            update.calibrate(matches, usable, now.share)
+            update.update_new(matches, now.share)
+            management.follow_watched(sensor.model, seen, (told, matches.close.rows), now)
+        if len(rows):
+            table.looks_hit[rows] += now.share
+        management.forget_refuted(view.rows)
+        if len(detections) < len(columns):
+            alone = (columns < 0).nonzero()[0]
+            known = (seen.feature_class[alone, None] == sensor.codes).any(axis=1)
+            if certain is not None:
+                known &= certain[alone] > _SURE
+            management.give_birth(sensor.model, seen, alone[known], now)
+
+    def _unmapped(self, reach_m: float, place: Array) -> float:
+        """Return how many things per m² the map may lack: a share of what it has within reach, at least of one."""
+        rows = self._around.rows
+        mapped = rows[self._table.kind[rows] == Kind.MAP]
+        near = np.hypot(*(self._table.xy[mapped] - place).T) < reach_m
+        return self._unmapped_share * max(int(np.count_nonzero(near)), 1) / (np.pi * reach_m**2)
+
+    def _occasion(self, view: View, score: Array, t: float) -> Occasion | None:
+        """Return why a frame has to be taken with care; None if it need not be."""
+        if not score.size:
+            return None
+        by_map = score[:, : view.mapped]
+        surprised = int((by_map.max(axis=1, initial=-np.inf) <= 0.0).sum()) >= _SURPRISES
+        surprised &= t - self._surprised_at > _STALE_S
+        stale = t - self._weighed_at > _STALE_S and bool((score > -np.inf).any())
+        if not (surprised or stale or in_doubt(score)):
+            self.in_doubt = False
+            return None
+        if surprised:
+            self._surprised_at = t
+        self.in_doubt = True
+        return Occasion(stale, surprised)
