@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _STALE_S = 2.0  # s without a sighting that weighs the particles, after which they may lie far apart
-_SURPRISES = 2  # detections in a frame that fit nothing on the map
+_SURPRISES = 2  # detections in a frame that fit nothing on the map, and as many more for each that fits something
 _SURE = 0.8  # probability of an explanation from which on finds are made and improved by it
 
 
@@ -147,7 +147,8 @@ class FrameHandling:
         if not score.size:
             return None
         by_map = score[:, : view.mapped]
-        surprised = int((by_map.max(axis=1, initial=-np.inf) <= 0.0).sum()) >= _SURPRISES
+        fit = int(np.count_nonzero(by_map.max(axis=1, initial=-np.inf) > 0.0))
+        surprised = len(score) - fit >= _SURPRISES * (1 + fit)
         surprised &= t - self._surprised_at > _STALE_S
         stale = t - self._weighed_at > _STALE_S and bool((score > -np.inf).any())
         if not (surprised or stale or in_doubt(score)):
