@@ -92,17 +92,11 @@ class SensorCalibration:
         distance : (A,) true range, averaged over the particles, m.
         noise : (2, A) variances of the measurement and of the map's place, already tempered.
         """
-        shift = np.zeros((2, len(particles)))
-        scale_variance, turn_variance = self.variance.tolist()
-        for index, (mean_range, (range_noise, bearing_noise)) in enumerate(
-            zip(distance.tolist(), noise.T.tolist(), strict=True)
-        ):
-            scale_gain = scale_variance * mean_range / (mean_range**2 * scale_variance + range_noise)
-            turn_gain = turn_variance / (turn_variance + bearing_noise)
-            scale_variance *= 1.0 - scale_gain * mean_range
-            turn_variance *= 1.0 - turn_gain
-            # what the features before have taught is in the prediction of this one
-            shift[0] += scale_gain * (innovation[0, index] - mean_range * shift[0])
-            shift[1] += turn_gain * (innovation[1, index] - shift[1])
-        self.variance = np.array([scale_variance, turn_variance])
-        particles.calibration += shift
+        # one scalar Kalman filter each for scale and turn: to take all A at once gives what one after the other would
+        towards = np.ones((2, len(distance)))  # ∂z/∂(scale, turn)
+        towards[0] = distance
+        gain = towards / noise
+        information = np.vecdot(towards, gain)
+        self.variance = self.variance / (1.0 + self.variance * information)
+        gain *= self.variance[:, None]
+        particles.calibration += np.matmul(gain[:, None], innovation)[:, 0]

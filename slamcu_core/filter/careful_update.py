@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from slamcu_core.filter import explanations, proposal
 from slamcu_core.filter.detections import Seen
+from slamcu_core.filter.ekf import mahalanobis_square
 from slamcu_core.filter.explanations import Explanations, Weighed
 from slamcu_core.filter.frame_update import FrameUpdate
 from slamcu_core.filter.particles import Particles
@@ -33,6 +34,7 @@ _KERNEL = 0.5  # width of the kernels that they are drawn from, in standard devi
 _ASTRAY = 0.02  # chance that odometry failed, when what is seen is a surprise ...
 _ASTRAY_SHARE = 0.5  # ... share of the particles drawn for that case ...
 _ASTRAY_WIDTH = 5.0  # ... and how far off, in standard deviations of the cloud
+_REACH = 50.0  # on squares of innovations, of what none of them can see
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,29 +83,32 @@ def weigh_with_care(
     possible = score > _UNLIKELY
     if occasion.surprised:  # by the map alone: what was found from a wrong pose would speak for it
         usable = usable & (update.table.kind[view.rows[: view.close]] == Kind.MAP)
-        possible |= usable & update.fits(view, seen)
+        possible |= usable & update.fits(view, seen) & _within_reach(update, view, seen)
     # what must not weigh the particles is as likely in all of them
     others = np.exp(np.where(possible & ~usable, score, -np.inf))
     log_unknown = log_unknown + np.log1p(others.sum(axis=1))
     columns = (possible.any(axis=0) & usable).nonzero()[0]
     question = _Question(view, seen, columns, possible[:, columns], log_unknown)
     shares = np.zeros(score.shape)
+    pairs = question.possible.nonzero()
+    explained = pairs[0], columns[pairs[1]]
     if not len(columns):
         particles.settle(rng)
     elif occasion.surprised or (occasion.stale and _wide(view, seen, score)):
-        many = particles.many(_MANY, _KERNEL, rng)
+        slots = update.table.slot[view.rows[columns]]
+        many = particles.many(_MANY, _KERNEL, rng, slots[slots >= 0])
         if occasion.surprised:
             many.stray(particles, _ASTRAY, _ASTRAY_SHARE, _ASTRAY_WIDTH, rng)
         weighed, temper = _weigh(replace(update, particles=many), question, share, rng)
         many.log_weight = many.log_weight + temper * weighed.log_likelihood
-        shares[:, columns] = weighed.shares @ many.weights
+        shares[explained] = weighed.shares @ many.weights
         particles.become(many, systematic(many.weights, rng, len(particles)))
     else:
         weighed, temper = _weigh(update, question, share, rng)
         if len(weighed.mean):
             particles.settle_conditioned(weighed.mean, weighed.spread, rng)
         particles.log_weight = particles.log_weight + temper * weighed.log_likelihood
-        shares[:, columns] = weighed.shares @ particles.weights
+        shares[explained] = weighed.shares @ particles.weights
     left = 1.0 - shares.sum(axis=1, keepdims=True)
     return np.asarray(shares + left * others / (1.0 + others.sum(axis=1, keepdims=True)))
 
@@ -115,21 +120,34 @@ def _wide(view: View, seen: Seen, score: Array) -> bool:
     return bool((area[score > _UNLIKELY] > _WIDE).any())
 
 
+def _within_reach(update: FrameUpdate, view: View, seen: Seen) -> NDArray[np.bool_]:
+    """Return which features (C,) particles that are astray can see where detections (D,) are."""
+    nu = update.model.innovation(seen.measurement[:, :, None], view.marginal.mean[:, None])
+    xx, xy, yy = (1.0 + _ASTRAY_WIDTH**2) * view.marginal.covariance
+    along, across = seen.noise[:, :, None]
+    return np.asarray(mahalanobis_square(nu, (xx + along, xy, yy + across))[0] < _REACH)
+
+
 def _weigh(update: FrameUpdate, question: _Question, share: float, rng: np.random.Generator) -> tuple[Weighed, float]:
     """Weigh the particles of an update as they are, and return how much of the likelihood is to count."""
     particles: Particles = update.particles
     view, seen, columns = question.view, question.seen, question.columns
     noise = update.model.noise(view.marginal.mean[:, columns])
-    close = update.examine(view, columns)
-    q = update.innovation_covariance(close, noise)
-    by_noise = None
-    if particles.pending is not None and proposal.pays(view.by_motion[:, columns], view.by_place[:, columns] + noise):
-        by_noise = proposal.noise_jacobian(update.model.by_pose(close.sight, close.by_feature), particles.pending)
-        q, share = q / share, 1.0
-    elif particles.pending is not None:
+    detections, features = question.possible.nonzero()
+    conditioned = particles.pending is not None and proposal.pays(
+        view.by_motion[:, columns], view.by_place[:, columns] + noise
+    )
+    if not conditioned:
         particles.settle(rng)
-        close = update.examine(view, columns)
-    innovation = update.model.innovation(seen.measurement[:, :, None, None], update.calibrated(close.sight)[:, None])
+    close = update.examine(view, columns)
+    q, by_noise = update.innovation_covariance(close, noise).take(features, axis=1), None
+    if particles.pending is not None:
+        by_pose = update.model.by_pose(close.sight, close.by_feature)
+        by_noise = proposal.noise_jacobian(by_pose, particles.pending).take(features, axis=2)
+        q, share = q / share, 1.0
+    innovation = update.model.innovation(
+        seen.measurement.take(detections, axis=1)[:, :, None], update.calibrated(close.sight).take(features, axis=1)
+    )
     return explanations.weigh(
         Explanations(innovation, q, by_noise, question.possible, question.log_unknown), rng
     ), share

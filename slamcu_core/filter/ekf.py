@@ -96,37 +96,43 @@ def shrunk(jacobian: Jacobian, along: Array) -> Array:
     return along
 
 
-def innovation_covariance(jacobian: Jacobian, covariance: Array, noise: Array) -> Array:
-    """Return Q = H Σ Hᵀ + R (3, ...) (eq. 18); `noise` holds the variances (2, ...) of R."""
-    q = projected(jacobian, covariance)
-    q[0] += noise[0]
-    q[2] += noise[1]
-    return q
+def update(mean: Array, by_place: Array, jacobian: Jacobian, innovation: Array, noise: Array) -> tuple[Array, Array]:
+    """Return mean (2, ...) and covariance (3, ...) after a measurement (eq. 16); `by_place` (3, ...) is P = H Σ Hᵀ.
 
-
-def update(mean: Array, covariance: Array, jacobian: Jacobian, innovation: Array, noise: Array) -> tuple[Array, Array]:
-    """Return mean (2, ...) and covariance (3, ...) after a measurement (eq. 16).
-
-    K = Σ Hᵀ (H Σ Hᵀ + R)⁻¹, μ ← μ + K (z - ẑ), Σ ← (I - K H) Σ, along the line of sight, where the place itself is
-    measured with a diagonal noise N: there Σ ← N - N (Σ + N)⁻¹ N, in which only what is positive is added.
+    K = Σ Hᵀ (P + R)⁻¹, μ ← μ + K (z - ẑ), Σ ← (I - K H) Σ, worked out in the axes of the measurement, where R is
+    diagonal: there P ← R - R (P + R)⁻¹ R, in which only what is positive is added.
     """
-    cos, sin, shrink = jacobian.cos, jacobian.sin, jacobian.shrink
-    p00, p01, p11 = turned(cos, sin, covariance)
-    stretch = 1.0 / shrink
-    n0, n1 = noise[0], noise[1] * stretch * stretch
+    p00, p01, p11 = by_place
+    n0, n1 = noise
     first, second = p00 * n1, p11 * n0
-    determinant = p00 * p11 - p01 * p01
+    determinant = p00 * p11
+    determinant -= p01 * p01
     first += determinant
     second += determinant
-    determinant = first + (p11 + n1) * n0
+    determinant = p11 + n1
+    determinant *= n0
+    determinant += first
     first /= determinant
     second /= determinant
     cross = p01 / determinant
-    along, across = innovation[0], innovation[1] * stretch
-    u = first * along + (n0 * cross) * across
-    v = (n1 * cross) * along + second * across
-    moved = np.array([mean[0] + (cos * u - sin * v), mean[1] + (sin * u + cos * v)])
-    return moved, turned(cos, -sin, (n0 * first, (n0 * n1) * cross, n1 * second))
+    along, across = innovation
+    stretch = 1.0 / jacobian.shrink
+    u = first * along
+    u += (cross * n0) * across
+    cross *= n1
+    v = cross * along
+    v += second * across
+    v *= stretch
+    cross *= n0
+    cross *= stretch
+    first *= n0
+    second *= n1
+    second *= stretch * stretch
+    cos, sin = jacobian.cos, jacobian.sin
+    moved = np.empty_like(mean)
+    np.add(mean[0], cos * u - sin * v, out=moved[0, ...])
+    np.add(mean[1], sin * u + cos * v, out=moved[1, ...])
+    return moved, turned(cos, -sin, (first, cross, second))
 
 
 def birth_covariance(jacobian: Jacobian, noise: Array) -> Array:

@@ -116,16 +116,25 @@ def stands_still(
     mover's.
     A wrong scale of range looks like a speed in proportion to our own.
     """
-    w, wt, wtt, wy, wty = table.track[rows].T
-    spread = np.maximum(w * wtt - wt**2, 0.0)
-    known = (spread > 0.0) & (table.hits[rows] >= parameters.minimum_hits)
-    safe = np.where(known, spread, 1.0)
-    speed = np.abs((w * wty - wt * wy) / safe)
-    variance = np.where(known, w / safe, np.inf) + (_SCALE_ERROR * own_speed) ** 2
-    mover = max(parameters.mover_speed, _SLOWEST_MOVER * abs(own_speed))
-    at_rest = speed**2 / variance
-    moving = np.maximum(mover - speed, 0.0) ** 2 / variance
-    return np.asarray(known & (at_rest < 9.0) & (moving - at_rest > 4.6))
+    w, wt, wtt, wy, wty = table.track.take(rows, axis=0).T
+    spread = w * wtt
+    spread -= wt * wt
+    known = spread > 0.0
+    known &= table.hits[rows] >= parameters.minimum_hits
+    spread[~known] = 1.0
+    speed = w * wty
+    speed -= wt * wy
+    speed /= spread
+    np.abs(speed, out=speed)
+    variance = w / spread
+    variance += (_SCALE_ERROR * own_speed) ** 2
+    faster = np.maximum(max(parameters.mover_speed, _SLOWEST_MOVER * abs(own_speed)) - speed, 0.0)
+    speed *= speed
+    known &= speed < 9.0 * variance
+    faster *= faster
+    faster -= speed
+    known &= faster > 4.6 * variance
+    return np.asarray(known)
 
 
 def shows_itself(table: FeatureTable, rows: NDArray[np.intp]) -> NDArray[np.bool_]:

@@ -9,28 +9,30 @@ shares of the explanations over the particles say how much of the detection is e
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.filter.assignment import assign
-from slamcu_core.filter.ekf import apply, full, inverse, mahalanobis_square, product, transpose
+from slamcu_core.filter.ekf import apply, full, inverse, product, transpose
+from slamcu_core.filter.weighting import gaussian_log_likelihood
 
 Array = NDArray[np.float64]
 
-_LN_2PI = float(np.log(2.0 * np.pi))
 _CLEAR = 0.98  # share of an explanation that leaves no doubt
 _NEGLIGIBLE = 0.005  # share of one that need not be considered
 
 
 @dataclass(frozen=True, slots=True)
 class Explanations:
-    """What D detections may be: C features, as M particles see them, or something unknown.
+    """What D detections may be: of C features those that are possible, as M particles see them, or something unknown.
 
-    `innovation` (2, D, C, M) is z - ẑ at the predicted poses, `covariance` (3, C, M) that of it without the pending
-    noise, `by_noise` (2, K, C, M) its Jacobian with respect to that noise, None if it is not to be conditioned;
-    `possible` (D, C) says what is to be considered, `log_unknown` (D,) is ln of the density of anything else.
+    `possible` (D, C) says what is to be considered; in the order of its rows that makes P pairs of a detection and a
+    feature. `innovation` (2, P, M) is z - ẑ at the predicted poses, `covariance` (3, P, M) that of it without the
+    pending noise, `by_noise` (2, K, P, M) its Jacobian with respect to that noise, None if it is not to be
+    conditioned; `log_unknown` (D,) is ln of the density of anything else.
     """
 
     innovation: Array
@@ -44,7 +46,7 @@ class Explanations:
 class Weighed:
     """What explanations make of M particles.
 
-    `log_likelihood` (M,), the `shares` (D, C, M) of the explanations in each particle, and `mean` (K, M) and `spread`
+    `log_likelihood` (M,), the `shares` (P, M) of the explanations in each particle, and `mean` (K, M) and `spread`
     (K, K, M) of the pending noise given those that each particle drew; without K if that was not asked for.
     """
 
@@ -79,44 +81,60 @@ def settle_on(shares: Array) -> tuple[NDArray[np.intp], Array]:
 
 
 def weigh(explanations: Explanations, rng: np.random.Generator) -> Weighed:
-    """Weigh every particle by all explanations of the detections, one detection after the other.
+    """Weigh every particle by all explanations of the detections.
 
     An explanation counts neither by how sure its feature is nor by how many particles have it in view: both are the
     same in the next frame, and would count again in each.
     """
-    h, possible = explanations.by_noise, explanations.possible
+    numbers = explanations.possible.sum(axis=1)
+    asked = numbers.nonzero()[0]
+    ends = numbers[asked].cumsum()
+    starts = ends - numbers[asked]
+    log_unknown = explanations.log_unknown[asked, None]
+    if explanations.by_noise is not None:
+        detections = zip(starts.tolist(), ends.tolist(), log_unknown, strict=True)
+        return _one_after_the_other(explanations, explanations.by_noise, detections, rng)
     count = explanations.innovation.shape[-1]
-    noises = 0 if h is None else h.shape[1]
+    log = gaussian_log_likelihood(explanations.innovation, explanations.covariance)
+    top = np.maximum(np.maximum.reduceat(log, starts, axis=0), log_unknown)
+    of = np.arange(len(asked)).repeat(numbers[asked])
+    log -= top[of]
+    each = np.exp(log, out=log)
+    total = np.add.reduceat(each, starts, axis=0)
+    total += np.exp(log_unknown - top)
+    each /= total[of]
+    return Weighed((top + np.log(total)).sum(axis=0), each, np.zeros((0, count)), np.zeros((0, 0, count)))
+
+
+def _one_after_the_other(
+    explanations: Explanations, h: Array, detections: Iterable[tuple[int, int, Array]], rng: np.random.Generator
+) -> Weighed:
+    """Weigh by detections, each the first of its pairs, their end, and ln of the density of anything else (1,).
+
+    The pending noise is conditioned on each before the next is asked.
+    """
+    noises, pairs, count = h.shape[1:]
     mean, spread = np.zeros((noises, count)), np.zeros((noises, noises, count))
     spread[np.arange(noises), np.arange(noises)] = 1.0
-    log_likelihood, shares = np.zeros(count), np.zeros((*possible.shape, count))
-    for index in range(len(possible)):
-        chosen = possible[index].nonzero()[0]
-        if not len(chosen):
-            continue
-        nu, q = explanations.innovation[:, index, chosen], explanations.covariance[:, chosen]
-        across = None
-        if h is not None:
-            mine = h[:, :, chosen]
-            nu = nu - apply(mine, mean[:, None])
-            across = product(spread[:, :, None], transpose(mine))
-            (xx, xy), (_, yy) = product(mine, across)
-            q = q + np.array([xx, xy, yy])
-        square, determinant = mahalanobis_square(nu, q)
-        log = np.empty((len(chosen) + 1, count))
-        log[:-1] = -0.5 * (square + np.log(determinant)) - _LN_2PI
-        log[-1] = explanations.log_unknown[index]
+    log_likelihood, shares = np.zeros(count), np.empty((pairs, count))
+    for start, end, log_unknown in detections:
+        mine = h[:, :, start:end]
+        nu = explanations.innovation[:, start:end] - apply(mine, mean[:, None])
+        across = product(spread[:, :, None], transpose(mine))
+        (xx, xy), (_, yy) = product(mine, across)
+        q = explanations.covariance[:, start:end] + np.array([xx, xy, yy])
+        log = np.empty((end - start + 1, count))
+        log[:-1] = gaussian_log_likelihood(nu, q)
+        log[-1] = log_unknown
         top = log.max(axis=0)
         each = np.exp(log - top)
         total = each.sum(axis=0)
         each /= total
         log_likelihood += top + np.log(total)
-        shares[index, chosen] = each[:-1]
-        if across is None:
-            continue
+        shares[start:end] = each[:-1]
         drawn = (each.cumsum(axis=0) < rng.random(count)).sum(axis=0)
-        known, every = drawn < len(chosen), np.arange(count)
-        drawn = np.minimum(drawn, len(chosen) - 1)
+        known, every = drawn < end - start, np.arange(count)
+        drawn = np.minimum(drawn, end - start - 1)
         along = across[:, :, drawn, every]
         gain = product(along, full(inverse(q[:, drawn, every]))) * known
         mean = mean + apply(gain, nu[:, drawn, every])

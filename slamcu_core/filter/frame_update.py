@@ -30,7 +30,6 @@ class CloseLook:
     slots: Index  # of those
     looks: Array  # (A,) independent looks of the pass, this one included
     means: Array  # (2, B, M) of the finds
-    covariance: Array  # (3, A, M) of the places
     sight: Sight
     by_feature: Jacobian
     by_place: Array  # (3, A, M), H Σ Hᵀ
@@ -160,7 +159,7 @@ class FrameUpdate:
         by_feature = model.by_feature(sight)
         looks = 1.0 + table.looks_hit[rows]
         by_place = ekf.projected(by_feature, covariance)
-        return CloseLook(rows, own, slots, looks, means, covariance, sight, by_feature, by_place)
+        return CloseLook(rows, own, slots, looks, means, sight, by_feature, by_place)
 
     def calibrated(self, sight: Sight) -> Array:
         """Return measurements (2, A, M) as each particle's calibration makes the sensor show them."""
@@ -204,12 +203,15 @@ class FrameUpdate:
     ) -> bool:
         """Return whether the poses' pending noise shows in the detections, as the mean pose sees it."""
         detections, columns = matched[0][usable], matched[1][usable]
+        spread, variance = view.by_motion[:, columns], seen.noise[:, detections]
+        if not proposal.pays(spread, variance):
+            return False  # by the sensor's noise alone, and there is more
         looks = 1.0 + self.table.looks_hit[view.rows[columns]]
         often, scale_variance, turn_variance = self._over_a_pass(looks, (columns >= view.mapped).nonzero()[0])
-        variance = view.by_place[:, columns] * often + seen.noise[:, detections]
+        variance = variance + view.by_place[:, columns] * often
         variance[0] += view.marginal.mean[0, columns] ** 2 * scale_variance
         variance[1] += turn_variance
-        return proposal.pays(view.by_motion[:, columns], variance)
+        return proposal.pays(spread, variance)
 
     def update_new(self, matches: Matches, share: float) -> None:
         """Update what the particles place by its detections, in every particle (eq. 16).
@@ -222,7 +224,7 @@ class FrameUpdate:
         particles, sight = self.particles, close.sight[own]
         means, covariances = ekf.update(
             close.means,
-            close.covariance[:, own],
+            close.by_place.take(own, axis=1),
             close.by_feature[own],
             # again, for the calibration has learned since
             self.model.innovation(matches.measurement[:, own, None], self.calibrated(sight)),

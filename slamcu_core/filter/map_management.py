@@ -135,12 +135,13 @@ class MapManagement:
         """Return the rows with an open pass that have been out of view for the gap that ends a pass, in order."""
         if t < self._none_ends_before:
             return []
-        rows = np.array(sorted(self.open), dtype=np.intp)
+        rows = self._table.open.nonzero()[0]
         last = self._table.pass_last[rows]
         gap = self._parameters.pass_gap_s
         gone = t - last > gap
         self._none_ends_before = float(last[~gone].min(initial=t)) + gap - _ROUNDING_S
-        return [int(row) for row in rows[gone]]
+        ended: list[int] = rows[gone].tolist()
+        return ended
 
     def _sight(self, model: SensorModel, rows: Index, seen: Seen, detections: Index, now: Instant) -> None:
         """Note where rows were seen, for their reports and for whether they stand still."""
@@ -245,9 +246,9 @@ class MapManagement:
         detections, rows = matched
         table = self._table
         new = ((table.kind[rows] == Kind.WATCH) & (table.slot[rows] < 0)).nonzero()[0]
-        slots = self._around.free_slots(self._particles)[: len(new)]
-        new = new[: len(slots)]
         if len(new):
+            slots = self._around.free_slots(self._particles)[: len(new)]
+            new = new[: len(slots)]
             self._put(model, seen, detections[new], slots, now)
             table.slot[rows[new]] = slots
 

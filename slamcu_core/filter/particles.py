@@ -169,19 +169,28 @@ class Particles:
         """Let the pose wait for noise of covariance F Fᵀ, F (3, K), the same for all."""
         self.pending = np.repeat(factor[:, :, None], len(self), axis=2)
 
-    def many(self, factor: int, width: float, rng: np.random.Generator) -> Particles:
+    def many(
+        self, factor: int, width: float, rng: np.random.Generator, slots: NDArray[np.intp] | None = None
+    ) -> Particles:
         """Return `factor` times as many particles, drawn from kernels a share of the cloud wide about these.
 
         Poses shrink towards their mean so that the cloud keeps its covariance (Liu and West 2001). Particle k comes
-        from particle k // factor; what waits to be sampled is sampled.
+        from particle k // factor; what waits to be sampled is sampled. Of new features they know those in `slots`;
+        None: all.
         """
         self.settle(rng)
         mean, covariance = self.mean_state()
+        known = slice(None) if slots is None else slots
+        means, covariances = (
+            np.empty((*held.shape[:2], factor * len(self))) for held in (self.means, self.covariances)
+        )
+        means[:, known] = np.repeat(self.means[:, known], factor, axis=2)
+        covariances[:, known] = np.repeat(self.covariances[:, known], factor, axis=2)
         many = Particles(
             state=np.repeat(self.state, factor, axis=1),
             log_weight=np.repeat(self.log_weight, factor),
-            means=np.repeat(self.means, factor, axis=2),
-            covariances=np.repeat(self.covariances, factor, axis=2),
+            means=means,
+            covariances=covariances,
             gnss_bias=np.repeat(self.gnss_bias, factor, axis=1),
             calibration=np.repeat(self.calibration, factor, axis=1),
         )

@@ -56,7 +56,8 @@ class Riders:
 
 def _ride(now: Array, old: Array) -> NDArray[np.bool_]:
     """Return which of the detections `now` (5, D) ride along, by those a little way back, `old` (5, P)."""
-    driven, ahead, left, slack, kind = now[:, :, None]
+    driven = now[0, 0]  # the same for all
+    _, ahead, left, slack, kind = now[:, :, None]
     aside = old[2] - left
     np.abs(aside, out=aside)
     along = aside < 3.0
@@ -68,8 +69,9 @@ def _ride(now: Array, old: Array) -> NDArray[np.bool_]:
     votes = along.sum(axis=1)
     riding = votes >= _VOTES
     if riding.any():
-        some = riding.nonzero()[0]
-        still = closer[some]
-        still -= driven[some] - old[0]
-        riding[some] = votes[some] > _AGAINST * (same[some] & (still * still < room[some])).sum(axis=1)
+        closer -= driven - old[0]
+        closer *= closer
+        still = closer < room
+        still &= same
+        riding &= votes > _AGAINST * still.sum(axis=1)
     return np.asarray(riding)

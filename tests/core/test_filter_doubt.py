@@ -46,15 +46,15 @@ def test_each_particle_takes_a_detection_for_what_fits_it_and_both_kinds_live_on
     # half of the particles see feature 0 where the detection is, the other half feature 1
     count = 100
     first = np.arange(count) < count // 2
-    innovation = np.zeros((2, 1, 2, count))
-    innovation[1, 0, 0, ~first] = innovation[1, 0, 1, first] = 0.5  # rad: 20 standard deviations
+    innovation = np.zeros((2, 2, count))
+    innovation[1, 0, ~first] = innovation[1, 1, first] = 0.5  # rad: 20 standard deviations
     covariance = np.zeros((3, 2, count))
     covariance[0], covariance[2] = 0.01, 0.000625
     possible = np.ones((1, 2), dtype=bool)
     asked = Explanations(innovation, covariance, None, possible, np.array([-3.0]))
     weighed = weigh(asked, np.random.default_rng(0))
-    assert weighed.shares[0, 0, first].min() > 0.99
-    assert weighed.shares[0, 1, ~first].min() > 0.99
+    assert weighed.shares[0, first].min() > 0.99
+    assert weighed.shares[1, ~first].min() > 0.99
     assert np.ptp(weighed.log_likelihood) == pytest.approx(0.0, abs=1e-9)
 
 

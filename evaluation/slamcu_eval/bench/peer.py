@@ -57,13 +57,14 @@ def numpy_step(model: SensorModel, step: StepInput) -> StepOutput:
     sight = model.sight(step.pose, points)
     jacobian = model.by_feature(sight)
     innovation = model.innovation(measured, sight.measurement)
-    q = ekf.innovation_covariance(jacobian, covariances, noise)
+    by_place = ekf.projected(jacobian, covariances)
+    q = by_place + np.array([noise[0], np.zeros_like(noise[0]), noise[1]])
     likelihood = weighting.robust_log_likelihood(
         weighting.gaussian_log_likelihood(innovation, q), step.log_clutter, step.outlier_share
     )
     new = slice(step.map_place.shape[1], None)
     means, spread = ekf.update(
-        step.means, step.covariances, jacobian[new], innovation[:, new], noise[:, new] / step.temper
+        step.means, by_place[:, new], jacobian[new], innovation[:, new], noise[:, new] / step.temper
     )
     return StepOutput(weighting.combine(step.log_weight, likelihood, step.temper), means, spread)
 
