@@ -26,8 +26,10 @@ class PassReporter:
     def __init__(self, table: FeatureTable, hd_map: HDMap, start_time: datetime, names: Vocabulary) -> None:
         self._table, self._map, self._start, self._names = table, hd_map, start_time, names
 
-    def report(self, row: int, place: MeasuredPosition | None) -> PassReport | None:
+    def report(self, row: int, place: MeasuredPosition | None, *, of_another: bool = False) -> PassReport | None:
         """Return the report of a row's open pass and close it; None if a find of our own was hidden throughout.
+
+        What was seen of something else (`of_another`) is no evidence for the row.
 
         A pass in which the feature was hidden throughout is vacuous: the little that its chance of being seen left as
         evidence against it is dropped.
@@ -36,6 +38,7 @@ class PassReporter:
         table.open[row] = False
         kind = int(table.kind[row])
         f, a = float(table.pass_for[row]), float(table.pass_against[row])
+        f = 0.0 if of_another else f
         detected, missed = int(table.detected[row]), int(table.missed[row])
         status = pass_status(kind, f, a, detected, missed)
         if status is DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_BLOCKED:

@@ -275,7 +275,8 @@ class SlamcuFilter:
         table, reports = self._table, []
         for row in self._management.end_passes(rows):
             seen = table.detected[row] or table.kind[row] == Kind.NEW
-            report = self._reporter.report(row, self._beliefs.position(row) if seen else None)
+            place = self._beliefs.position(row) if seen else None
+            report = self._reporter.report(row, place, of_another=self._beliefs.saw_another(row))
             if table.kind[row] == Kind.WATCH:
                 table.slot[row] = -1
             if report is not None:

@@ -242,6 +242,30 @@ def test_a_sign_whose_value_cannot_be_read_confirms_the_mapped_one() -> None:
     assert report.weight_for > 3.0
 
 
+def test_what_a_pass_sees_beside_the_mapped_place_and_misses_there_is_no_evidence_for_it() -> None:
+    around = [feature(2, 60.0, -6.0), feature(3, 150.0, -6.0)]
+    mapped = feature(1, 100.0, 6.0, sign="SPEED_LIMIT", value="130")
+
+    def told(x: float, seed: int, nearest: float = 0.0) -> PassReport:
+        def show(sign: int, distance: float, bearing: float, rng: np.random.Generator) -> Detection | None:
+            if sign < 2:
+                return seen(distance, bearing, rng)
+            shown = distance > nearest and rng.random() < 0.9
+            return seen(distance, bearing, rng, sign="SPEED_LIMIT", value="130") if shown else None
+
+        signs = [(60.0, -6.0), (150.0, -6.0), (x, 6.0)]
+        _, reports = run([mapped, *around], drive(signs, show=show, seed=seed), seed)
+        return next(r for r in reports if r.reference is not None and r.reference.object_id == 1)
+
+    # from afar a sign that stands 5 m on may be the mapped one, from near it is not
+    moved = [report for report in (told(105.0, seed) for seed in range(5)) if report.frames_detected > 5]
+    refuted = [report for report in moved if report.weight_for == 0.0]
+    assert len(refuted) > len(moved) / 2
+    assert {report.status for report in refuted} == {DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE}
+    # one that is missed from near but was seen in its place may be hidden by something
+    assert all(told(100.0, seed, nearest=45.0).weight_for > 3.0 for seed in range(3))
+
+
 def test_equal_seeds_give_equal_drives_and_other_seeds_do_not() -> None:
     def outcome(seed: int) -> list[object]:
         car, reports = run([feature(1, 100.0, 6.0)], drive([(100.0, 6.0), (140.0, 7.0)]), seed=seed)
