@@ -18,7 +18,7 @@ from slamcu_core.filter import explanations, proposal
 from slamcu_core.filter.detections import Seen
 from slamcu_core.filter.ekf import mahalanobis_square
 from slamcu_core.filter.explanations import Explanations, Weighed
-from slamcu_core.filter.frame_update import FrameUpdate
+from slamcu_core.filter.frame_update import CloseLook, FrameUpdate
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.resampling import systematic
 from slamcu_core.filter.table import Kind
@@ -67,8 +67,11 @@ def weigh_with_care(
     log_unknown: Array,
     share: float,
     rng: np.random.Generator,
-) -> Array:
+) -> tuple[Array, tuple[Index, CloseLook] | None]:
     """Weigh the particles by all that the detections may be; return the share (D, C) of each explanation.
+
+    Also the columns that any detection may be, with how the particles see them, if their poses are still as when that
+    was asked.
 
     Parameters
     ----------
@@ -87,30 +90,33 @@ def weigh_with_care(
     # what must not weigh the particles is as likely in all of them
     others = np.exp(np.where(possible & ~usable, score, -np.inf))
     log_unknown = log_unknown + np.log1p(others.sum(axis=1))
-    columns = (possible.any(axis=0) & usable).nonzero()[0]
-    question = _Question(view, seen, columns, possible[:, columns], log_unknown)
+    columns = np.logical_or.reduce(possible, axis=0).nonzero()[0]
+    question = _Question(view, seen, columns, (possible & usable)[:, columns], log_unknown)
+    looked = None
     shares = np.zeros(score.shape)
     pairs = question.possible.nonzero()
     explained = pairs[0], columns[pairs[1]]
-    if not len(columns):
+    if not len(explained[0]):
         particles.settle(rng)
     elif occasion.surprised or (occasion.stale and _wide(view, seen, score)):
         slots = update.table.slot[view.rows[columns]]
         many = particles.many(_MANY, _KERNEL, rng, slots[slots >= 0])
         if occasion.surprised:
             many.stray(particles, _ASTRAY, _ASTRAY_SHARE, _ASTRAY_WIDTH, rng)
-        weighed, temper = _weigh(replace(update, particles=many), question, share, rng)
+        weighed, temper, _ = _weigh(replace(update, particles=many), question, share, rng)
         many.log_weight = many.log_weight + temper * weighed.log_likelihood
         shares[explained] = weighed.shares @ many.weights
         particles.become(many, systematic(many.weights, rng, len(particles)))
     else:
-        weighed, temper = _weigh(update, question, share, rng)
+        weighed, temper, close = _weigh(update, question, share, rng)
         if len(weighed.mean):
             particles.settle_conditioned(weighed.mean, weighed.spread, rng)
+        else:
+            looked = columns, close
         particles.log_weight = particles.log_weight + temper * weighed.log_likelihood
         shares[explained] = weighed.shares @ particles.weights
     left = 1.0 - shares.sum(axis=1, keepdims=True)
-    return np.asarray(shares + left * others / (1.0 + others.sum(axis=1, keepdims=True)))
+    return shares + left * others / (1.0 + others.sum(axis=1, keepdims=True)), looked
 
 
 def _wide(view: View, seen: Seen, score: Array) -> bool:
@@ -128,14 +134,17 @@ def _within_reach(update: FrameUpdate, view: View, seen: Seen) -> NDArray[np.boo
     return np.asarray(mahalanobis_square(nu, (xx + along, xy, yy + across))[0] < _REACH)
 
 
-def _weigh(update: FrameUpdate, question: _Question, share: float, rng: np.random.Generator) -> tuple[Weighed, float]:
-    """Weigh the particles of an update as they are, and return how much of the likelihood is to count."""
+def _weigh(
+    update: FrameUpdate, question: _Question, share: float, rng: np.random.Generator
+) -> tuple[Weighed, float, CloseLook]:
+    """Weigh the particles of an update, and return how much of the likelihood is to count, and how they see things."""
     particles: Particles = update.particles
     view, seen, columns = question.view, question.seen, question.columns
     noise = update.model.noise(view.marginal.mean[:, columns])
     detections, features = question.possible.nonzero()
+    asked = columns[question.possible.any(axis=0)]
     conditioned = particles.pending is not None and proposal.pays(
-        view.by_motion[:, columns], view.by_place[:, columns] + noise
+        view.by_motion[:, asked], view.by_place[:, asked] + update.model.noise(view.marginal.mean[:, asked])
     )
     if not conditioned:
         particles.settle(rng)
@@ -148,6 +157,5 @@ def _weigh(update: FrameUpdate, question: _Question, share: float, rng: np.rando
     innovation = update.model.innovation(
         seen.measurement.take(detections, axis=1)[:, :, None], update.calibrated(close.sight).take(features, axis=1)
     )
-    return explanations.weigh(
-        Explanations(innovation, q, by_noise, question.possible, question.log_unknown), rng
-    ), share
+    weighed = explanations.weigh(Explanations(innovation, q, by_noise, question.possible, question.log_unknown), rng)
+    return weighed, share, close

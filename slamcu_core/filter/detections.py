@@ -38,7 +38,11 @@ class Seen:
         """Return only some of the detections, (D,)."""
         if which.all():
             return self
-        return Seen(*(getattr(self, item.name)[..., which] for item in fields(self)))
+        index = which.nonzero()[0]
+        return Seen(*(getattr(self, name).take(index, axis=-1) for name in _ARRAYS))
+
+
+_ARRAYS = tuple(item.name for item in fields(Seen))
 
 
 def read_detections(model: SensorModel, items: tuple[Detection, ...], names: Vocabulary) -> Seen:

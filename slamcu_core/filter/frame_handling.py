@@ -73,15 +73,16 @@ class FrameHandling:
             sensor.unmapped = self._unmapped(sensor.model.sensor.max_range_m, now.pose[:2])
         log_unknown = update.log_unknown(seen, sensor.unmapped)
         columns, squares, score = update.pre_associate(view, seen, log_unknown)
-        unseen = certain = None
+        unseen = certain = looked = supported = None
         occasion = self._occasion(view, score, now.t)
         if occasion is not None:
-            shares = weigh_with_care(
+            supported = management.supports(view.rows)
+            shares, looked = weigh_with_care(
                 update,
                 view,
                 seen,
                 score,
-                management.supports(view.rows[: view.close]),
+                supported[: view.close],
                 log_unknown=log_unknown,
                 occasion=occasion,
                 share=now.share,
@@ -96,7 +97,14 @@ class FrameHandling:
         # noise by the expected range: by the measured one, short readings would weigh more than long ones
         seen.noise[:, detections] = sensor.model.noise(view.marginal.mean[:, matched])
         management.update_existence(
-            sensor.model, sensor.rates, view, seen, (detections, matched), now=now, unseen=unseen
+            sensor.model,
+            sensor.rates,
+            view,
+            seen,
+            (detections, matched),
+            now=now,
+            unseen=unseen,
+            supported=supported,
         )
         # association with Normal and New only (4.3.4), by the classes after this frame's evidence (4.3.3)
         rows = view.rows[matched]
@@ -119,7 +127,7 @@ class FrameHandling:
             matches = update.weigh(view, seen, (detections, matched), usable, share=now.share, rng=self._rng)
         else:
             sure = certain[detections] > _SURE
-            matches = update.match(view, seen, (detections[sure], matched[sure]))
+            matches = update.match(view, seen, (detections[sure], matched[sure]), looked)
             usable, told = usable[sure], detections[sure]
         if len(matches.close.rows):
             update.calibrate(matches, usable, now.share)

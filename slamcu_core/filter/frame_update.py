@@ -34,6 +34,24 @@ class CloseLook:
     by_feature: Jacobian
     by_place: Array  # (3, A, M), H Σ Hᵀ
 
+    def pick(self, index: Index, looks: Array) -> CloseLook:
+        """Return the look at some of the A rows, of which there are so many `looks` now."""
+        number = np.full(len(self.rows), -1)  # among the finds
+        number[self.own] = np.arange(len(self.own))
+        picked = number[index]
+        own = (picked >= 0).nonzero()[0]
+        find = picked[own]
+        return CloseLook(
+            self.rows[index],
+            own,
+            self.slots[find],
+            looks,
+            self.means.take(find, axis=1),
+            self.sight[index],
+            self.by_feature[index],
+            self.by_place.take(index, axis=1),
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Matches:
@@ -134,10 +152,19 @@ class FrameUpdate:
         particles.log_weight = weighting.combine(particles.log_weight, likelihood, share)
         return matches
 
-    def match(self, view: View, seen: Seen, matched: tuple[Index, Index]) -> Matches:
-        """Return the matches of detections (A,) with columns (A,) of the view, seen from the poses as they are now."""
+    def match(
+        self, view: View, seen: Seen, matched: tuple[Index, Index], looked: tuple[Index, CloseLook] | None = None
+    ) -> Matches:
+        """Return the matches of detections (A,) with columns (A,) of the view, seen from the poses as they are now.
+
+        `looked` are columns, in order, that have been examined from these poses, those matched among them.
+        """
         detections, columns = matched
-        close = self.examine(view, columns)
+        if looked is None:
+            close = self.examine(view, columns)
+        else:
+            looks = 1.0 + self.table.looks_hit[view.rows[columns]]  # a pass may have begun since
+            close = looked[1].pick(looked[0].searchsorted(columns), looks)
         measurement = seen.measurement[:, detections]
         innovation = self.model.innovation(measurement[:, :, None], self.calibrated(close.sight))
         return Matches(close, measurement, seen.noise[:, detections], innovation)

@@ -62,12 +62,14 @@ class MapManagement:
         *,
         now: Instant,
         unseen: Array | None = None,
+        supported: NDArray[np.bool_] | None = None,
     ) -> None:
         """Update existence (4.3.2) by the detections of a frame.
 
         Detected rows get eq. 1; rows that should have shown themselves and did not get eq. 2. `matched` are the
         detections (A,) and the columns (A,) of the view that they belong to, `unseen` (F,) the probabilities that no
-        detection was of the row, None: none that is not matched.
+        detection was of the row, None: none that is not matched; `supported` (F,) what `supports` says of the rows, if
+        that has been asked.
         """
         table, parameters = self._table, self._parameters
         self._speed = now.speed
@@ -77,7 +79,7 @@ class MapManagement:
         sums = np.zeros((9, len(rows)))
         self._keep_passes(view, hit, now.t, sums)
         chance = existence.detectability(
-            table, rows, self._learn_rates(rates, view, hit, now.share), parameters.detection_concentration
+            table, rows, self._learn_rates(rates, view, hit, now.share, supported), parameters.detection_concentration
         )
         chance *= view.shown
         missed = (view.visible > 0.05) * now.share
@@ -97,7 +99,14 @@ class MapManagement:
             table.hits[hit_rows] += 1
             self._sight(model, hit_rows, seen, detections, now)
 
-    def _learn_rates(self, rates: DetectionRate, view: View, hit: NDArray[np.bool_], share: float) -> Array:
+    def _learn_rates(
+        self,
+        rates: DetectionRate,
+        view: View,
+        hit: NDArray[np.bool_],
+        share: float,
+        supported: NDArray[np.bool_] | None,
+    ) -> Array:
         """Return how often the sensor detects the rows (F,) at their range, and learn it from those that stand there.
 
         Those are Normal or New and have been detected often enough before this frame.
@@ -106,7 +115,7 @@ class MapManagement:
         rate = rates.at(view.distance)
         proven = (view.shown > _FULL_VIEW) & (table.hits[rows] >= self._parameters.minimum_hits)
         if proven.any():
-            proven &= self.supports(rows)
+            proven &= self.supports(rows) if supported is None else supported
             rates.learn(view.distance[proven], hit[proven], share)
         return rate
 
@@ -153,13 +162,15 @@ class MapManagement:
         toward = heading @ seen.toward[:, detections]
         xx, xy, yy = model.information(toward, measured, noise)
         weight = 1.0 / noise[0]
+        across = 1.0 / (np.maximum(measured[0], 1e-3) * noise[1])
         sums = np.empty((13, len(rows)))  # in the order of the parts of `sighted`
         sums[0], sums[1], sums[2], sums[3] = xx, xy, xy, yy
         sums[4], sums[5] = xx * x + xy * y, xy * x + yy * y
-        sums[6], sums[7], sums[8] = weight, weight * here[0], weight * here[1]
-        sums[9:11] = weight * measured[0] * toward
-        across = 1.0 / (np.maximum(measured[0], 1e-3) * noise[1])
-        sums[11], sums[12] = -across * toward[1], across * toward[0]
+        sums[6] = weight
+        np.multiply(weight, here[:, None], out=sums[7:9])
+        np.multiply(weight * measured[0], toward, out=sums[9:11])
+        np.multiply(across, toward[::-1], out=sums[11:])
+        np.negative(sums[11], out=sums[11])
         table.sighted[rows] += sums.T
         own = (table.kind[rows] == Kind.NEW).nonzero()[0]
         if len(own):

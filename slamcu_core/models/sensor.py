@@ -40,8 +40,9 @@ class Sight:
 
     def __getitem__(self, index: NDArray[np.intp]) -> Sight:
         """Return the sight of some of F points, seen from M poses: each array is (..., F, M)."""
-        ahead_left = None if self.ahead_left is None else self.ahead_left[:, index]
-        return Sight(self.delta[:, index], self.distance[index], self.bearing[index], ahead_left, self.pose)
+        ahead_left = None if self.ahead_left is None else self.ahead_left.take(index, axis=1)
+        distance, bearing = self.distance.take(index, axis=0), self.bearing.take(index, axis=0)
+        return Sight(self.delta.take(index, axis=1), distance, bearing, ahead_left, self.pose)
 
 
 @dataclass(frozen=True, slots=True)
