@@ -53,7 +53,7 @@ class ClassPolicy:
     minimum_informativeness: float = 0.05  # w in [0, 1) below which a contribution has seen nothing
     gate: float = 9.21  # chi-square threshold with 2 degrees of freedom; 9.21 keeps 99 %
     position_floor_m: float = 0.35  # m per axis, 1 σ: bias common to one vehicle's passes (1.5 % range bias at 25 m)
-    position_common_m: float = 0.2  # m per axis, 1 σ: what all cars have wrong together, as the map around a place does
+    position_common_m: float = 0.1  # m per axis, 1 σ: what all cars have wrong together, as the map around a place does
     match_radius_m: float = 5.0  # m beyond which two places are never one object, however vague they are
     pair_radius_m: float = 30.0  # m within which a deleted and a new one of the same type are one that moved
     pair_lateral_m: float = 8.0  # m of that across the way it faces: on the other side of the road is another one
