@@ -35,9 +35,8 @@ def marginalise(predicted: Array, weights: Array, extra: Array, scratch: Array) 
     mean = predicted @ weights
     weighted = np.multiply(predicted, weights, out=scratch)
     # about 0: of a range of 100 m and a spread of 1 mm that leaves six digits, and R is added yet
-    extra[0] += np.vecdot(weighted[0], predicted[0]) - mean[0] * mean[0]
+    extra[::2] += np.vecdot(weighted, predicted) - mean * mean
     extra[1] += np.vecdot(weighted[0], predicted[1]) - mean[0] * mean[1]
-    extra[2] += np.vecdot(weighted[1], predicted[1]) - mean[1] * mean[1]
     return Marginal(mean, extra)
 
 

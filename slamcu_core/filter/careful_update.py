@@ -34,7 +34,7 @@ _KERNEL = 0.5  # width of the kernels that they are drawn from, in standard devi
 _ASTRAY = 0.02  # chance that odometry failed, when what is seen is a surprise ...
 _ASTRAY_SHARE = 0.5  # ... share of the particles drawn for that case ...
 _ASTRAY_WIDTH = 5.0  # ... and how far off, in standard deviations of the cloud
-_REACH = 50.0  # on squares of innovations, of what none of them can see
+_REACH = 200.0  # on squares of innovations, of what none of them can see: far beyond any that could weigh
 
 
 @dataclass(frozen=True, slots=True)
