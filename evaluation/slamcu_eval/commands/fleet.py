@@ -33,6 +33,9 @@ def register(app: typer.Typer) -> None:
         *,
         vehicles: Annotated[str, typer.Option(help="Sizes of the fleet, comma-separated.")] = "1,3,5,10,25",
         roads: Annotated[int, typer.Option(min=1, help="Roads; 25 hold 300 signs of each kind of change.")] = 25,
+        first_road: Annotated[
+            int, typer.Option(min=0, help="Number of the first of them: processes may share a folder, not a road.")
+        ] = 0,
         common_bias: Annotated[
             Switch, typer.Option(help="Let every car's ranges be 2 % too long, beside its own errors.")
         ] = Switch.OFF,
@@ -56,7 +59,8 @@ def register(app: typer.Typer) -> None:
         is scored without the minimum of contributors, by the largest of the three masses.
 
         A car's drive takes some seconds on an idle processor: 25 roads with 25 cars some two hours. With --work, cars
-        that have driven are kept and not driven again: another server hears what they told.
+        that have driven are kept and not driven again: another server hears what they told. Several processes fill one
+        folder when each has roads of its own (--first-road); a last run over all of them drives nothing and counts.
         """
         sizes = _sizes(vehicles)
         with tempfile.TemporaryDirectory(prefix="slamcu-fleet-") as scratch:
@@ -71,7 +75,7 @@ def register(app: typer.Typer) -> None:
             results = []
             with progress() as bars:
                 bar = bars.add_task("roads", total=roads)
-                for road in range(roads):
+                for road in range(first_road, first_road + roads):
                     results.append(
                         run_road(plan, road, lambda said, n=road: bars.update(bar, description=f"road {n + 1}: {said}"))  # type: ignore[misc]
                     )

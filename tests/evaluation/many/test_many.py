@@ -140,6 +140,12 @@ def test_a_small_fleet_is_heard_by_a_real_server_and_need_not_drive_twice(
     assert run(["fleet", *options, "--json", str(out)]) == 0
     assert json.loads(out.read_text())["vehicles"] == figures["vehicles"]
     assert {path: path.stat().st_mtime_ns for path in work.rglob("car-*")} == before
+
+    # processes that share a folder have roads of their own
+    (work / "road-00").rename(work / "road-01")
+    assert run(["fleet", *options, "--first-road", "1", "--json", str(out)]) == 0
+    assert json.loads(out.read_text())["roads"] == 1
+    assert [path.name for path in work.iterdir()] == ["road-01"]
     capsys.readouterr()
 
     assert run(["fleet", "--vehicles", "many"]) == 1
