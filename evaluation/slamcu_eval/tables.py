@@ -107,6 +107,8 @@ def health(results: dict[str, Figures]) -> str:
             share(block["diverged_flagged_before_wrong"]),
             str(block["healthy_runs"]),
             share(block["healthy_flagged"]),
+            share(block["healthy_flagged_while_right"]) if "healthy_flagged_while_right" in block else "",
+            share(block["healthy_reports_flagged"]) if "healthy_reports_flagged" in block else "",
             f"{block['reports']['wrong_when_lost_flagged']} of {block['reports']['wrong_when_lost']}",
         )
         for name, block in found.items()
@@ -117,7 +119,9 @@ def health(results: dict[str, Figures]) -> str:
         "diverged",
         "of them flagged before a wrong report",
         "healthy",
-        "of them wrongly flagged",
+        "of them flagged",
+        "before the pose was ever off",
+        "of their reports",
         "wrong reports of lost filters that carry the flag",
     )
     return table_of(head, rows) if rows else gap("paper mrclam")

@@ -47,6 +47,11 @@ class Trust:
         return any(not one.trusted for one in self.told)
 
     @property
+    def flagged_while_right(self) -> bool:
+        """Whether any report came with a warning before the pose had ever been off."""
+        return any(not one.trusted and one.t < self.lost_at for one in self.told)
+
+    @property
     def wrong_when_lost(self) -> tuple[ToldPass, ...]:
         """The wrong reports of a lost filter."""
         return tuple(one for one in self.told if one.wrong and one.t >= self.lost_at)
@@ -115,6 +120,8 @@ def trust_figures(runs: Sequence[Trust]) -> dict[str, Any]:
         "diverged_without_wrong_report": sum(not run.wrong_when_lost for run in diverged),
         "healthy_runs": len(healthy),
         "healthy_flagged": _share([run.flagged for run in healthy]),
+        "healthy_flagged_while_right": _share([run.flagged_while_right for run in healthy]),
+        "healthy_reports_flagged": _share([not one.trusted for run in healthy for one in run.told]),
         "reports": {
             "all": len(told),
             "flagged": sum(not one.trusted for one in told),

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.drive import Occluder
+from slamcu_core.filter import existence
 from slamcu_core.filter.careful_update import Occasion, weigh_with_care
 from slamcu_core.filter.detectability import DetectionRate
 from slamcu_core.filter.detections import Seen
@@ -109,17 +110,7 @@ class FrameHandling:
         # association with Normal and New only (4.3.4), by the classes after this frame's evidence (4.3.3)
         rows = view.rows[matched]
         usable = management.supports(rows)
-        mapped = table.kind[view.rows] == Kind.MAP
-        due, hit = now.share * view.shown * sensor.rates.at(view.distance), np.zeros(len(view.rows))
-        hit[matched] = now.share
-        self._monitor.note(now.t, view.rows, mapped, due, hit)
-        self._monitor.observe(
-            squares[detections[usable], matched[usable]].tolist(),
-            len(columns),
-            len(columns) - len(detections),
-            expected=float(due[mapped].sum()),
-            share=now.share,
-        )
+        self._watch(sensor, view, columns, squares[detections, matched], usable, now=now)
         if usable.any():
             self._weighed_at = now.t
         told = detections
@@ -142,6 +133,39 @@ class FrameHandling:
             if certain is not None:
                 known &= certain[alone] > _SURE
             management.give_birth(sensor.model, seen, alone[known], now)
+
+    def _watch(
+        self,
+        sensor: SensorAtWork,
+        view: View,
+        columns: Index,
+        squares: Array,
+        usable: NDArray[np.bool_],
+        *,
+        now: Instant,
+    ) -> None:
+        """Hold what a frame shows against what it should.
+
+        Parameters
+        ----------
+        columns : (D,) of the view that the detections belong to, or -1.
+        squares : (A,) normalised innovations squared of those that belong to one.
+        usable : (A,) on which of these the car localizes.
+        """
+        matched = columns[columns >= 0]
+        mapped = self._table.kind[view.rows] == Kind.MAP
+        due = now.share * view.shown * sensor.rates.at(view.distance)
+        hit, square = np.zeros((2, len(view.rows)))
+        hit[matched], square[matched] = now.share, squares
+        exists = existence.probability(self._table, view.rows)
+        self._monitor.note(now.t, view.rows, mapped, shown=view.shown, due=due, hit=hit, exists=exists, squares=square)
+        self._monitor.observe(
+            squares[usable].tolist(),
+            len(columns),
+            len(columns) - len(matched),
+            expected=float(due[mapped].sum()),
+            share=now.share,
+        )
 
     def _unmapped(self, reach_m: float, place: Array) -> float:
         """Return how many things per m² the map may lack: a share of what it has within reach, at least of one."""

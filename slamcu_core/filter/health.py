@@ -1,4 +1,11 @@
-"""How far the filter trusts itself: innovations, unexplained detections and missing ones against their expectation."""
+"""How far the filter trusts itself: what it sees and misses, against what a right and what a wrong pose would show.
+
+Each encounter with a thing, one continuous stay in view, is one look at the question whether the pose is right, however
+many frames it has: one hidden sign is no more than that. Its evidence is the ratio of two probabilities, and their logs
+are added up by Page's rule (1954): below 0 the sum starts anew, so that a long good time does not speak against a loss.
+While the pose is right, the sum passes h once in exp(h) encounters at most (Lorden 1971), so that h is a choice of how
+often a healthy filter may cry wolf, not of how things look on some road.
+"""
 
 from __future__ import annotations
 
@@ -10,36 +17,73 @@ from numpy.typing import NDArray
 from slamcu_core.reports import Health
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
-_MEMORY = 30.0  # looks over which the statistics are averaged
-_WINDOW_S = 20.0  # s; time in which what was seen of a thing is forgotten
-_DUE = 1.5  # detections that a feature of the map should have brought, before it is missing
-_SEEN = 0.5  # detections that it takes to have been seen
-# ln of how much likelier each is with the right pose than with a wrong one: nine in ten things that the map promises
-# are there, with a wrong pose a quarter by chance; half of what is found would be found there too
-_KEPT, _MISSING, _FOUND = 1.3, -2.0, -0.6
-_DOUBT = -3.0  # ln of the odds of the right pose below which a better one is looked for ...
-_LOST = -5.0  # ... and below which reports are not to be believed
+_MEMORY = 30.0  # looks over which the ratios that go with reports are averaged
+_APART_S = 5.0  # s out of view that end an encounter, as they end a pass
+_IN_VIEW = 0.05  # probability of being in sight from which a thing is in view
+_SEEN = 0.5  # detections that it takes to have been seen ...
+_FOUND = 1.5  # ... and of what the map lacks, of which a single one may be a false alarm
+_STANDS = 0.9  # probability that a thing stands where the map says so, at most: maps age in many places at once
+_BY_CHANCE = 0.25  # that one is detected there though the pose is wrong
+_FOUND_ODDS = 0.6  # ln of how much likelier a find is with a wrong pose
+_FALSE_ALARM = 0.05 / 100.0  # per encounter: in five of a hundred drives of a hundred signs, at most
+_LOST = -math.log(_FALSE_ALARM)  # sum from which on reports are not to be believed ...
+_RECOVERED = 0.5 * _LOST  # ... until it has fallen to this
+_MOST = 2.0 * _LOST  # no filter is so lost that it could not find out that it no longer is
+_DOUBT = (
+    3.0  # sum from which on a better pose is looked for: at worst once in twenty encounters, for to look costs little
+)
+
+
+class _Encounters:
+    """What is kept by row of the feature table, of its present encounter or the last one."""
+
+    def __init__(self, size: int = 0) -> None:
+        self.due = np.zeros(size)  # detections that it should have brought ...
+        self.hit = np.zeros(size)  # ... and those that it has
+        self.shown = np.zeros(size)  # how surely it could be seen when it could best
+        self.stands = np.zeros(size)  # how surely it stands there, as believed when it came into view
+        self.square = np.zeros(size)  # normalised innovation squared of its first detection
+        self.against = np.zeros(size)  # what the encounter says against the pose
+        self.last = np.full(size, -np.inf)  # s, in view
+
+    def reach(self, size: int) -> None:
+        """Make room for so many rows."""
+        for name, old in vars(self).items():
+            if len(old) < size:
+                more = np.full(2 * size - len(old), -np.inf if name == "last" else 0.0)
+                setattr(self, name, np.concatenate([old, more]))
 
 
 class HealthMonitor:
-    """Running statistics of one drive, in independent looks (tempered frames)."""
+    """Running statistics of one drive.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    concentration : looks by which the detection probability of a pass is known; misses come in bursts.
+    gate : largest normalised innovation squared of an association.
+    unmapped_share : things that the map lacks, per feature that it has.
+    """
+
+    def __init__(self, concentration: float, gate: float, unmapped_share: float) -> None:
+        self._concentration, self._gate = concentration, gate
+        # what every feature that was looked for says by all that was not found beside it
+        self._nothing_found = -unmapped_share * math.expm1(_FOUND_ODDS)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past, after the filter has found its way back."""
         self._innovation = self._matched = 0.0
         self._unexplained = self._detections = 0.0
-        self._t = 0.0
-        self._due, self._seen = np.zeros(64), np.zeros(64)  # by row, detections lately: expected and made
-        self._mapped = np.zeros(64, dtype=bool)
+        self._encounters = _Encounters()
+        self._against = 0.0  # Page's sum: ln of how much likelier a wrong pose is than the right one
+        self.lost = False  # whether reports are not to be believed
 
     def observe(
         self, squares: list[float], detections: int, unexplained: int, *, expected: float, share: float
     ) -> None:
-        """Add one frame.
+        """Add one frame to the ratios that go with reports.
 
         Parameters
         ----------
@@ -55,39 +99,72 @@ class HealthMonitor:
         self._unexplained = keep * self._unexplained + share * unexplained
         self._detections = keep * self._detections + share * detections
 
-    def note(self, t: float, rows: NDArray[np.intp], mapped: NDArray[np.bool_], due: Array, hit: Array) -> None:
-        """Note of rows (F,) in view at t s which are the map's, and how many detections were due and were made."""
-        keep = math.exp(-max(t - self._t, 0.0) / _WINDOW_S)
-        self._t = t
-        if len(rows) and rows.max() >= len(self._due):
-            more = int(rows.max()) + 64
-            self._due, self._seen = (np.concatenate([a, np.zeros(more - len(a))]) for a in (self._due, self._seen))
-            self._mapped = np.concatenate([self._mapped, np.zeros(more - len(self._mapped), dtype=bool)])
-        self._due *= keep
-        self._seen *= keep
-        self._due[rows] += due
-        self._seen[rows] += hit
-        self._mapped[rows] = mapped
+    def note(
+        self,
+        t: float,
+        rows: Index,
+        mapped: NDArray[np.bool_],
+        *,
+        shown: Array,
+        due: Array,
+        hit: Array,
+        exists: Array,
+        squares: Array,
+    ) -> None:
+        """Add what a frame at t s says of the things in view.
 
-    def _odds(self) -> float:
-        """Return ln of the odds that the pose is right, by the things that were or should have been seen lately.
-
-        Each counts once, however long it was looked at: one hidden sign is no more than that.
+        Parameters
+        ----------
+        rows : (F,) of the feature table.
+        mapped : (F,) which are the map's.
+        shown : (F,) the probability that they could be seen.
+        due, hit : (F,) independent detections that were due of each, and that were made.
+        exists : (F,) how probable it is that they exist.
+        squares : (F,) normalised innovations squared of those that were detected.
         """
-        seen = self._seen > _SEEN
-        missing = self._mapped & ~seen & (self._due > _DUE)
-        kept, found = np.count_nonzero(self._mapped & seen), np.count_nonzero(~self._mapped & seen)
-        return _KEPT * kept + _MISSING * int(np.count_nonzero(missing)) + _FOUND * found
+        in_view = (shown > _IN_VIEW) | (hit > 0.0)
+        if not in_view.any():
+            return
+        rows, mapped, shown, due = rows[in_view], mapped[in_view], shown[in_view], due[in_view]
+        hit, exists, squares = hit[in_view], exists[in_view], squares[in_view]
+        kept = self._encounters
+        kept.reach(int(rows.max()) + 1)
+        begins = t - kept.last[rows] > _APART_S
+        if begins.any():
+            # from a pose that is in doubt, what has been learned of the map is in doubt too
+            believed = np.full(len(rows), _STANDS) if self.lost else np.clip(exists, _BY_CHANCE, _STANDS)
+            fresh = rows[begins]
+            kept.stands[fresh] = np.where(mapped, believed, exists)[begins]
+            for sums in (kept.due, kept.hit, kept.shown, kept.against):
+                sums[fresh] = 0.0
+        first = (hit > 0.0) & (kept.hit[rows] == 0.0)
+        kept.square[rows[first]] = squares[first]
+        kept.due[rows] += due
+        kept.hit[rows] += hit
+        kept.shown[rows] = np.maximum(kept.shown[rows], shown)
+        kept.last[rows] = t
+        against = self._weigh(rows, mapped)
+        change = float((against - kept.against[rows]).sum())
+        kept.against[rows] = against
+        self._against = min(max(self._against + change, 0.0), _MOST)
+        self.lost = self._against > (_RECOVERED if self.lost else _LOST)
+
+    def _weigh(self, rows: Index, mapped: NDArray[np.bool_]) -> Array:
+        """Return ln of how much likelier the encounters with rows (F,) are so far with a wrong pose."""
+        kept = self._encounters
+        stands, hit = kept.stands[rows], kept.hit[rows]
+        shows = kept.shown[rows] * (1.0 - (1.0 + kept.due[rows] / self._concentration) ** -self._concentration)
+        missing = np.log((1.0 - _BY_CHANCE * shows) / (1.0 - stands * shows)) + shows * self._nothing_found
+        # from a right pose the square is chi-square with two degrees of freedom, from a wrong one any within the gate
+        density = 0.5 * np.minimum(kept.square[rows], self._gate) - math.log(0.5 * self._gate)
+        there = np.log(_BY_CHANCE / np.maximum(stands, _BY_CHANCE)) + density + self._nothing_found
+        found = np.where((hit > _FOUND) & (stands < _STANDS), _FOUND_ODDS, 0.0)
+        return np.asarray(np.where(mapped, np.where(hit > _SEEN, there, missing), found))
 
     @property
     def doubtful(self) -> bool:
         """Whether there is reason to look for a better pose."""
-        return self._odds() < _DOUBT
-
-    @property
-    def lost(self) -> bool:
-        """Whether reports are not to be believed."""
-        return self._odds() < _LOST
+        return self._against > _DOUBT
 
     def state(self, effective_share: float) -> Health:
         """Return the health of the moment; `effective_share` is M_eff / M."""

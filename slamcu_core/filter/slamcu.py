@@ -105,7 +105,9 @@ class SlamcuFilter:
             parameters=self.parameters,
         )
         self._sensors = {sensor.id: self._install(SensorModel(sensor)) for sensor in header.sensors}
-        self._monitor = HealthMonitor()
+        self._monitor = HealthMonitor(
+            self.parameters.detection_concentration, self.parameters.gate, self.parameters.unmapped_share
+        )
         self._frames = FrameHandling(
             self._table,
             around=self._around,

@@ -74,6 +74,14 @@ def test_a_warning_counts_only_if_it_comes_before_the_lost_filter_s_first_wrong_
     assert too_late.flagged
     assert not never.flagged_before_wrong
     healthy, alarmed = _trust(False, (5.0, True, True)), _trust(False, (5.0, False, False))
+    found_back = Trust((ToldPass(11.0, False, False), ToldPass(60.0, True, False)), diverged=False, lost_at=10.0)
+    assert alarmed.flagged_while_right
+    assert found_back.flagged
+    assert not found_back.flagged_while_right  # it was lost for a while, and said so
+    some = trust_figures([healthy, alarmed, found_back])
+    assert some["healthy_flagged"] == 2 / 3
+    assert some["healthy_flagged_while_right"] == 1 / 3
+    assert some["healthy_reports_flagged"] == 2 / 4
     figures = trust_figures([in_time, with_it, too_late, never, healthy, alarmed])
     assert figures["diverged_runs"] == 4
     assert figures["diverged_flagged"] == 3 / 4
