@@ -19,6 +19,10 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _MOST = 1000  # sightings remembered
+_PAIRS = 200  # of things seen, looked for in the map, and ...
+_COMPARISONS = (
+    2_000_000  # ... of things seen with features in a search: it shall take no longer where they stand in crowds
+)
 _TURN = 0.25  # rad, and
 _SHIFT_M = 0.5  # m: motions nearer than this are the same answer
 
@@ -134,24 +138,36 @@ def search(seen: Constellation, places: Array, fits: NDArray[np.bool_]) -> tuple
     found: list[tuple[int, Motion]] = []
     gaps = places[None, :] - places[:, None]  # (F, F, 2) from a to b
     lengths = np.hypot(gaps[..., 0], gaps[..., 1])
-    for i in range(len(seen.place)):
-        for j in range(i + 1, len(seen.place)):
-            gap = seen.place[j] - seen.place[i]
-            length, slack = np.hypot(*gap), 3.0 * np.hypot(seen.std[i], seen.std[j])
-            if length < 2.0 * slack:
-                continue  # too short to tell a direction
-            for a, b in np.argwhere((np.abs(lengths - length) < slack) & fits[i][:, None] & fits[j][None, :]):
-                angle = float(np.arctan2(gaps[a, b, 1], gaps[a, b, 0]) - np.arctan2(gap[1], gap[0]))
-                turn = Motion(angle, np.zeros(2))
-                middle = 0.5 * (seen.place[i] + seen.place[j])
-                motion = Motion(angle, 0.5 * (places[a] + places[b]) - turn.apply(middle))
-                found.append((agreement(seen, motion, places, fits), motion))
+    first, second = np.triu_indices(len(seen.place), 1)
+    spans = seen.place[second] - seen.place[first]
+    spanned = np.hypot(spans[:, 0], spans[:, 1])
+    slack = 3.0 * np.hypot(seen.std[first], seen.std[second])
+    told = _thinned((spanned >= 2.0 * slack).nonzero()[0], _PAIRS)  # shorter ones tell no direction
+    proposed = [
+        (pair, a, b)
+        for pair in told.tolist()
+        for a, b in np.argwhere(
+            (np.abs(lengths - spanned[pair]) < slack[pair]) & fits[first[pair]][:, None] & fits[second[pair]][None, :]
+        ).tolist()
+    ]
+    for index in _thinned(np.arange(len(proposed)), max(_COMPARISONS // max(fits.size, 1), 1)).tolist():
+        pair, a, b = proposed[index]
+        angle = float(np.arctan2(gaps[a, b, 1], gaps[a, b, 0]) - np.arctan2(spans[pair, 1], spans[pair, 0]))
+        turn = Motion(angle, np.zeros(2))
+        middle = 0.5 * (seen.place[first[pair]] + seen.place[second[pair]])
+        motion = Motion(angle, 0.5 * (places[a] + places[b]) - turn.apply(middle))
+        found.append((agreement(seen, motion, places, fits), motion))
     if not found:
         return None, 0, 0
     agreed, best = max(found, key=lambda item: item[0])
     centre = seen.place.mean(axis=0)
     rivals = [count for count, motion in found if not same(motion, best, centre)]
     return best, agreed, max(rivals, default=0)
+
+
+def _thinned(items: Index, most: int) -> Index:
+    """Return at most so many of the items, evenly taken: a right motion is proposed by many pairs."""
+    return items[:: max(1, -(-len(items) // most))]
 
 
 def same(first: Motion, second: Motion, place: Array) -> bool:
