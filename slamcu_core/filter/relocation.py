@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,12 +63,6 @@ class Motion:
         return np.asarray(place @ np.array([[cos, sin], [-sin, cos]]) + self.shift)
 
 
-class _Sighting(NamedTuple):
-    place: Array  # (2,) m
-    std: float  # m
-    kind: tuple[int, int]  # class and sign
-
-
 class Memory:
     """The sightings of the last `window` seconds."""
 
@@ -92,32 +85,29 @@ class Memory:
 
     def constellation(self) -> Constellation:
         """Merge sightings within three standard deviations of each other, and drop what was seen only once."""
-        groups: list[list[_Sighting]] = []
-        for sighting in self._sightings()[-_MOST:]:
-            for group in groups:
-                last = group[-1]
-                near = np.hypot(*(sighting.place - last.place)) < 3.0 * np.hypot(sighting.std, last.std)
-                if near and sighting.kind == last.kind:
-                    group.append(sighting)
-                    break
-            else:
-                groups.append([sighting])
-        kept = [group for group in groups if len(group) > 1]
+        if not self._frames:
+            none = np.zeros(0, dtype=np.intp)
+            return Constellation(np.zeros((0, 2)), np.zeros(0), none, none)
+        place = np.concatenate([frame.place for frame in self._frames])[-_MOST:]
+        std = np.concatenate([frame.std for frame in self._frames])[-_MOST:]
+        kind = np.concatenate([np.stack([f.feature_class, f.sign], axis=1) for f in self._frames])[-_MOST:]
+        group = np.empty(len(std), dtype=np.intp)
+        latest = np.empty(len(std), dtype=np.intp)  # sighting of each group
+        groups = 0
+        for index in range(len(std)):
+            last = latest[:groups]
+            near = np.hypot(*(place[last] - place[index]).T) < 3.0 * np.hypot(std[last], std[index])
+            near &= (kind[last] == kind[index]).all(axis=1)
+            group[index] = near.argmax() if near.any() else groups
+            groups = max(groups, int(group[index]) + 1)
+            latest[group[index]] = index
+        count = np.bincount(group)
+        kept = count > 1
+        mean = np.stack([np.bincount(group, values) for values in (*place.T, std)]) / count
+        one = latest[:groups][kept]
         return Constellation(
-            np.array([np.mean([s.place for s in group], axis=0) for group in kept]).reshape(-1, 2),
-            np.array([np.mean([s.std for s in group]) / np.sqrt(min(len(group), 4)) for group in kept]),
-            np.array([group[0].kind[0] for group in kept], dtype=np.intp),
-            np.array([group[0].kind[1] for group in kept], dtype=np.intp),
+            mean[:2, kept].T.copy(), mean[2, kept] / np.sqrt(np.minimum(count[kept], 4)), kind[one, 0], kind[one, 1]
         )
-
-    def _sightings(self) -> list[_Sighting]:
-        return [
-            _Sighting(place, std, (feature_class, sign))
-            for frame in self._frames
-            for place, std, feature_class, sign in zip(
-                frame.place, frame.std.tolist(), frame.feature_class.tolist(), frame.sign.tolist(), strict=True
-            )
-        ]
 
 
 def agreement(seen: Constellation, motion: Motion, places: Array, fits: NDArray[np.bool_]) -> int:
@@ -142,7 +132,9 @@ def search(seen: Constellation, places: Array, fits: NDArray[np.bool_]) -> tuple
     spans = seen.place[second] - seen.place[first]
     spanned = np.hypot(spans[:, 0], spans[:, 1])
     slack = 3.0 * np.hypot(seen.std[first], seen.std[second])
-    told = _thinned((spanned >= 2.0 * slack).nonzero()[0], _PAIRS)  # shorter ones tell no direction
+    told = _thinned(
+        (spanned >= 2.0 * slack).nonzero()[0], min(_PAIRS, max(_COMPARISONS // lengths.size, 1))
+    )  # shorter ones tell no direction
     proposed = [
         (pair, a, b)
         for pair in told.tolist()
