@@ -124,7 +124,7 @@ def _quorate(
 ) -> Flags:
     """Say after a number of steps, for M features, whether enough contributors speak on a side.
 
-    Where none of them has a record it takes as many as the policy wants of strangers, unless one alone decides anyway.
+    Where none of them has a record it takes more of them, unless one alone decides anyway.
     """
     speak = _speaking(histories, weight, steps, features, policy)
     count = np.count_nonzero(speak, axis=1)
@@ -134,7 +134,7 @@ def _quorate(
     known = np.zeros(speak.shape, bool)
     rows = np.broadcast_to(np.arange(features.size), (steps, features.size))
     known[rows, histories.contributor[:steps, features]] = histories.proven[:steps, features]
-    return np.asarray(enough & ((speak & known).any(axis=1) | (count >= policy.contributors_unproven)))
+    return np.asarray(enough & ((speak & known).any(axis=1) | (count >= quorum + policy.strangers_more)))
 
 
 def _contributors(histories: Histories, weight: Array, steps: int, features: Indices, policy: ClassPolicy) -> Indices:

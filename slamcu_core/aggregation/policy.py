@@ -25,8 +25,8 @@ _COUNTS = frozenset(
         "contributors_new",
         "contributors_deleted",
         "contributors_leave",
-        "contributors_unproven",
         "pair_patience",
+        "strangers_more",
         "window",
     }
 )
@@ -47,7 +47,7 @@ class ClassPolicy:
     contributors_new: int = 2  # least number of contributors whose evidence for a new feature still weighs
     contributors_deleted: int = 3  # the same for evidence against a mapped feature
     contributors_leave: int = 2  # the same for evidence that makes what stands stand no longer
-    contributors_unproven: int = 4  # the same for each of these, if above 1, where none of them has a record
+    strangers_more: int = 1  # how many more than each of these it takes, if above 1, where none of them has a record
     contributor_weight: float = 0.1  # weight of evidence that a contributor must have left in the fold to be counted
     window: int = 64  # K, newest informative contributions that fold: 0.8⁶⁴ = 6e-7
     minimum_informativeness: float = 0.05  # w in [0, 1) below which a contribution has seen nothing
@@ -60,18 +60,19 @@ class ClassPolicy:
     pair_days: float = 30.0  # days between the turn of evidence about the old place and the first find at the new one
     pair_patience: int = 6  # contributors for a new one from which it waits no more for a deletion under way beside it
 
-    # What is known of contributors, no parameter and in no document; None: all are trusted as the policy says.
+    # What is known of contributors, no parameter and in no document; None: all count as if they had a record.
     trusts: Trusts | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         for name in _PARAMETERS:
             value = getattr(self, name)
             if name in _COUNTS:
+                least = 0 if name == "strangers_more" else 1
                 _require(
-                    isinstance(value, int) and not isinstance(value, bool) and value >= 1,
+                    isinstance(value, int) and not isinstance(value, bool) and value >= least,
                     name,
                     value,
-                    "a whole number from 1",
+                    f"a whole number from {least}",
                 )
             else:
                 _require(

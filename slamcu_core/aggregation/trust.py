@@ -12,7 +12,7 @@ from slamcu_core.errors import EvidenceError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trusts:
-    """One version of the trust table. Whoever is not in it has the policy's trust and no record yet."""
+    """One version of the trust table; 0: before the first. Who is not in it has the policy's trust and no record."""
 
     version: int = 0
     contributor: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))  # (C,), ascending

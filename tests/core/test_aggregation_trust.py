@@ -53,21 +53,32 @@ def test_strangers_need_more_company_than_those_with_a_record() -> None:
     nobody, one = ClassPolicy(trusts=trusts()), ClassPolicy(trusts=trusts(c2=(1.0, True)))
     finds = [(number, 1.0) for number in range(1, 6)]
     assert standing(ClassPolicy(), Side.NEW, *finds) == [False, True, True, True, True]
-    assert standing(nobody, Side.NEW, *finds) == [False, False, False, True, True]
+    assert standing(nobody, Side.NEW, *finds) == [False, False, True, True, True]
     assert standing(one, Side.NEW, *finds) == [False, True, True, True, True]
     misses = [(number, -1.0) for number in range(1, 6)]
     everyone = standing(ClassPolicy(), Side.DELETED, *misses)
     assert standing(nobody, Side.DELETED, *misses) == everyone == [False, False, False, True, True]
 
 
-def test_three_strangers_decide_nothing_however_often_they_come() -> None:
-    nobody = ClassPolicy(trusts=trusts())
-    for side, sign in ((Side.NEW, 1.0), (Side.DELETED, -1.0)):
-        assert not any(standing(nobody, side, *[(number % 3, sign) for number in range(40)]))
+def test_as_many_strangers_as_the_quorum_decide_nothing_however_often_they_come() -> None:
+    nobody, alike = ClassPolicy(trusts=trusts()), ClassPolicy()
+    for side, sign, quorum in ((Side.NEW, 1.0, 2), (Side.DELETED, -1.0, 3)):
+        assert not any(standing(nobody, side, *[(number % quorum, sign) for number in range(40)]))
+        assert any(standing(alike, side, *[(number % quorum, sign) for number in range(40)]))
     # nor do they take back what stands
     believed = [(number, 1.0) for number in range(10, 14)]
-    assert standing(nobody, Side.NEW, *believed, *[(number % 3, -1.0) for number in range(40)])[-1]
-    assert not standing(ClassPolicy(), Side.NEW, *believed, *[(number % 3, -1.0) for number in range(40)])[-1]
+    assert standing(nobody, Side.NEW, *believed, *[(number % 2, -1.0) for number in range(40)])[-1]
+    assert not standing(alike, Side.NEW, *believed, *[(number % 2, -1.0) for number in range(40)])[-1]
+
+
+def test_the_first_version_takes_nothing_back() -> None:
+    """Before it nobody has a record; whoever gets one by it only makes decisions easier."""
+    before, after = ClassPolicy(trusts=Trusts()), ClassPolicy(trusts=trusts(c2=(1.0, True), c9=(1.0, True)))
+    for side, sign in ((Side.NEW, 1.0), (Side.DELETED, -1.0)):
+        said = [(number, sign) for number in range(1, 6)]
+        stood = standing(before, side, *said)
+        assert stood[-1]
+        assert all(now or not then for then, now in zip(stood, standing(after, side, *said), strict=True))
 
 
 def test_where_one_car_decides_anyway_it_needs_no_record() -> None:

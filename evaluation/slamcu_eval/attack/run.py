@@ -31,7 +31,7 @@ from slamcu_server.trust.job import recompute
 BETWEEN = timedelta(minutes=24)
 """Between two cars: sixty of them a day."""
 
-TRUST_EVERY = {"random": 12, "liars_first": 2}
+TRUST_EVERY = {"random": 3, "liars_first": 2}
 """Cars after which trust is recomputed: a worker does it every hour, that is 2.5 cars; in random order it is rarer."""
 
 BATCH = 100

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_client import Outbox, Server, Uploader
-from slamcu_core.aggregation import ClassPolicy, Contribution, PassEvidence, Policy, Side, contributions, fold
+from slamcu_core.aggregation import ClassPolicy, Contribution, PassEvidence, Policy, Side, Trusts, contributions, fold
 from slamcu_core.evidence import masses_from_weights
 from slamcu_core.formats import write_hd_map
 from slamcu_core.geometry import LocalFrame
@@ -53,7 +53,7 @@ def confirm(policy: Policy, *, vehicles: int, features: int, seed: int) -> dict[
     """Report a story to a server and return how far it is from the fold."""
     story = Story.draw(vehicles, features, seed)
     begin = datetime.now(UTC).replace(minute=0, second=0, microsecond=0) - timedelta(hours=vehicles + 1)
-    rules = policy.for_class("traffic_sign")
+    rules = policy.trusting(Trusts()).for_class("traffic_sign")  # as a server that knows nobody
     with Cloud(policy=policy) as cloud:
         path = cloud.scratch / "map.geojson"
         path.write_text("".join(write_hd_map(_MAP, [_sign(n) for n in range(story.mapped)])), encoding="utf-8")

@@ -49,15 +49,14 @@ def timestamp(value: datetime | None) -> str | None:
     return None if value is None else value.isoformat()
 
 
-def claim_document(claim: Claim, map_source: str, policy_version: str, before: Document | None) -> Document:
-    """Build what is published about a claim, all but its id, kind, state and revision.
+def claim_document(claim: Claim, map_source: str, before: Document | None) -> Document:
+    """Build what is published about a claim, all but its id, kind, state, revision and versions.
 
     What stands at the place leads: the place, sign, value and masses are the candidate's where there is one. A moved
     sign is where it went to; a modified one stays where the map has it, which is surveyed.
 
     Parameters
     ----------
-    policy_version : of the policy under which it was decided.
     before : what was published, if anything was.
     """
     leading = claim.leading.belief
@@ -81,7 +80,6 @@ def claim_document(claim: Claim, map_source: str, policy_version: str, before: D
         "confirmed_at": timestamp(max((time for time in since if time is not None), default=None))
         if claim.standing
         else None,
-        "policy_version": policy_version,
         "from": _half(claim.feature.belief) if both and claim.feature is not None else None,
         "to": _half(claim.candidate.belief) if both and claim.candidate is not None else None,
         "merged_into": None,

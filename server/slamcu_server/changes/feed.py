@@ -9,7 +9,7 @@ from sqlalchemy import text
 from sqlalchemy.dialects.postgresql import JSONB
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from slamcu_core.aggregation import Policy
+from slamcu_core.aggregation import Policy, Trusts
 from slamcu_server.changes.belief import DENIED, Beliefs, Kind, State
 from slamcu_server.changes.claims import claims, read
 from slamcu_server.changes.document import Document, claim_document, withdrawn_document
@@ -59,12 +59,14 @@ def _revision(published: Published, one: Said, document: Document) -> Entry:
 
 def _document(one: Said, maps: Mapping[int, tuple[str, datetime | None]], policy: Policy) -> Document:
     before = None if one.published is None else one.published.document
+    trusts = policy.default.trusts or Trusts()
+    versions = {"policy_version": policy.version, "trust_version": trusts.version}
     if one.published is not None and (one.claim is None or one.state is State.WITHDRAWN):
-        return withdrawn_document(one.published, one.claim, one.why)
+        return withdrawn_document(one.published, one.claim, {**one.why, **versions})
     if one.claim is None:
         raise ValueError("what is said for the first time is said by somebody")
     source, _ = maps[one.claim.leading.subject.map_id]
-    return claim_document(one.claim, source, policy.version, before)
+    return claim_document(one.claim, source, before) | versions
 
 
 def _as_of(beliefs: Beliefs, maps: Mapping[int, tuple[str, datetime | None]]) -> dict[int, datetime]:

@@ -39,6 +39,7 @@ _CHANGE_EXAMPLE: JsonDict = {
     "last_looked": "2026-05-02T07:55:03+00:00",
     "confirmed_at": "2026-05-01T11:40:21+00:00",
     "policy_version": "3f1c92ab04de",
+    "trust_version": 17,
     "first_evidence": "2026-05-01T08:12:40+00:00",
     "from": None,
     "to": None,
@@ -160,6 +161,10 @@ class Change(Evidence):
     last_looked: datetime | None
     confirmed_at: datetime | None = Field(description="Since when the evidence stands, in the time of the reports.")
     policy_version: str = Field(description="Of the policy under which this was decided: GET /v1/policies/{version}.")
+    trust_version: int | None = Field(
+        default=None,
+        description="Of the trust in contributors by which this was decided; 0: before the first, null: not recorded.",
+    )
     first_evidence: datetime | None = Field(description="When the first report came that says so, in event time.")
     from_: Half | None = Field(alias="from", description="Moved, modified: what the map says, and where.")
     to: Half | None = Field(description="Moved, modified: what is there now, and where.")

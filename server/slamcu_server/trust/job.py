@@ -93,8 +93,7 @@ async def _write(connection: AsyncConnection, verdicts: list[Verdict]) -> Recomp
         if _differs(wanted.get(key, Standing()), before.get(key, Standing()))
     }
     if verdicts and (version is None or changed):
-        # The first version is the first that tells strangers from those with a record: it is about everything.
-        await _list_passes(connection, None if version is None else changed)
+        await _list_passes(connection, changed)
         version = await table.write_version(connection, len(verdicts), changed)
     gated, released = await _gate(connection, sessions)
     await connection.execute(text("SELECT pg_notify(:channel, '')"), {"channel": CHANNEL})
@@ -109,17 +108,16 @@ def _differs(one: Standing, other: Standing) -> bool:
     return one.proven != other.proven or abs(one.share - other.share) > 1e-9
 
 
-async def _list_passes(connection: AsyncConnection, contributors: Iterable[int] | None) -> None:
-    """List for correction one pass of each thing that contributors (None: any) have spoken about."""
-    whose = "" if contributors is None else "m.account_id = ANY(CAST(:ids AS bigint[])) AND"
+async def _list_passes(connection: AsyncConnection, contributors: Iterable[int]) -> None:
+    """List for correction one pass of each thing that contributors have spoken about."""
     await connection.execute(
-        text(f"""
+        text("""
         INSERT INTO corrections (pass_id)
         SELECT min(p.id) FROM messages m JOIN passes p ON p.message = m.id
-        WHERE {whose} NOT p.archived AND p.retraction_id IS NULL
+        WHERE m.account_id = ANY(CAST(:ids AS bigint[])) AND NOT p.archived AND p.retraction_id IS NULL
           AND (p.feature_id IS NOT NULL OR p.candidate_id IS NOT NULL)
-        GROUP BY p.feature_id, p.candidate_id ORDER BY 1"""),  # noqa: S608  (constants)
-        {} if contributors is None else {"ids": sorted(contributors)},
+        GROUP BY p.feature_id, p.candidate_id ORDER BY 1"""),
+        {"ids": sorted(contributors)},
     )
 
 

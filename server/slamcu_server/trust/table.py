@@ -38,13 +38,13 @@ class Standing:
 
 
 async def trusting(connection: AsyncConnection, policy: Policy) -> Policy:
-    """Return the policy with the trust version that holds; before the first everybody is trusted alike.
+    """Return the policy with the trust version that holds; before the first nobody has a record.
 
     Who folds holds the ground first (`retraction.marks.hold`), so that the version cannot change meanwhile.
     """
     version = await newest_version(connection)
     if version is None:
-        return policy
+        return policy.trusting(Trusts())
     key = connection.sync_connection.engine if connection.sync_connection is not None else None
     known = _loaded.get(key) if key is not None else None
     if known is None or known.version != version:

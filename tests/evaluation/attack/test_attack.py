@@ -109,13 +109,13 @@ def test_false_changes_and_true_ones_taken_back_are_flips_until_they_heal(world:
     assert [(one.contributors, one.drives) for one in feed.decisions] == [(4, 2)]
 
 
-def test_two_strangers_can_publish_what_honest_cars_then_take_back() -> None:
+def test_three_strangers_can_publish_what_honest_cars_then_take_back() -> None:
     """Against a real server: the experiment is able to find a flip, and to see it heal."""
     rng = np.random.default_rng(4)
     few = make_world("few", {Truth.UNCHANGED: 2, Truth.NEW: 1, Truth.EMPTY: 2}, rng)
     with Cloud() as cloud:
-        keys = cloud.create_keys("vehicle", 6)
-        scripts = [inventing, inventing, *[honest] * 4]
+        keys = cloud.create_keys("vehicle", 7)
+        scripts = [*[inventing] * 3, *[honest] * 4]
         drivers = [
             Driver(Car(f"car-{number}", rng.spawn(1)[0]), key, script)
             for number, (key, script) in enumerate(zip(keys, scripts, strict=True))

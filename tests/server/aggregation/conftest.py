@@ -11,15 +11,17 @@ import pytest
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncEngine
 
-from slamcu_core.aggregation import Policy
+from slamcu_core.aggregation import ClassPolicy, Policy
 from slamcu_core.geometry import LocalFrame
 from slamcu_core.hd_map import MapIdentity
 from slamcu_core.reports import DetectionStatus, Health, MapReference, MeasuredPosition, PassReport, ReportMessage
 from slamcu_core.sensoris import serialize_message
+from slamcu_server.aggregation.policy import remember_policy
 from slamcu_server.aggregation.worker import BATCH_SIZE, drain
 from slamcu_server.ingest.message_log import LogEntry, PostgresMessageLog
 
 FULL = 3.0  # weight of a pass that leaves no doubt (λ = 0.95)
+KNOWN = Policy(ClassPolicy(strangers_more=0))  # cars that need no record to be believed by the quorum
 FRAME = LocalFrame(2.1, 48.9)
 START = datetime(2026, 5, 1, 8, tzinfo=UTC)
 
@@ -58,6 +60,7 @@ class Town:
 
     async def import_map(self, signs: Sequence[tuple[float, float]] = ((0.0, 0.0),)) -> None:
         async with self.engine.begin() as connection:
+            await remember_policy(connection, self.policy)
             found = await connection.execute(
                 text("INSERT INTO maps (source, current_sequence, next_object_id) VALUES (:s, 1, :n) RETURNING id"),
                 {"s": self.source, "n": len(signs) + 1},
@@ -221,6 +224,7 @@ class Reports:
     blocked = staticmethod(blocked)
     find = staticmethod(find)
     find_missed = staticmethod(find_missed)
+    KNOWN = KNOWN
 
 
 @pytest.fixture(scope="session")
@@ -229,8 +233,14 @@ def reports() -> type[Reports]:
 
 
 @pytest.fixture
-async def town(engine: AsyncEngine) -> Town:
+def policy() -> Policy:
+    """The town's policy; where cars are no strangers to each other a module says `KNOWN`."""
+    return Policy()
+
+
+@pytest.fixture
+async def town(engine: AsyncEngine, policy: Policy) -> Town:
     """A town with one mapped sign in its middle."""
-    made = Town(engine)
+    made = Town(engine, policy)
     await made.import_map()
     return made

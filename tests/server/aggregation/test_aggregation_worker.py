@@ -13,6 +13,12 @@ from slamcu_server.aggregation import rebuild
 pytestmark = pytest.mark.anyio
 
 
+@pytest.fixture
+def policy(reports: Any) -> Any:
+    """Cars that are no strangers: what is told here is not about them."""
+    return reports.KNOWN
+
+
 async def test_three_cars_that_miss_a_sign_delete_it(town: Any, reports: Any) -> None:
     for number in range(3):
         await town.report(f"car-{number}", reports.missed(1, hours=number))

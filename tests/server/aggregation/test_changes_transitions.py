@@ -51,7 +51,7 @@ def claim(made: Belief) -> Claim:
 
 
 def published(state: State, before: Belief | None = None, **changes: Any) -> Published:
-    document = claim_document(claim(before or belief()), "m", "v", None)
+    document = claim_document(claim(before or belief()), "m", None)
     return Published(1, 1, Kind.NEW, state, 3, document, candidate_id=1, **changes)
 
 

@@ -57,7 +57,7 @@ async def deleted(town: Any, reports: Any, cars: int = 6) -> None:
 
 
 async def new(town: Any, reports: Any, x: float = 100.0) -> None:
-    for car in ("a", "b"):
+    for car in ("a", "b", "c"):
         await town.report(car, reports.find(x, 0, hours=1))
     await town.fuse()
 
@@ -86,7 +86,7 @@ async def test_what_the_new_version_shows_is_absorbed(
     first, mapped = (datetime.fromisoformat(change[name]) for name in ("first_evidence", "mapped_at"))
     assert first == reports.at(1).replace(second=5)
     assert mapped > first
-    assert len(change["evidence"]["contributions"]) == 2  # archived, and still there to be asked for
+    assert len(change["evidence"]["contributions"]) == 3  # archived, and still there to be asked for
     told = (await client.get("/metrics")).text
     assert 'slamcu_changes{kind="new",state="absorbed"} 1.0' in told
     assert 'slamcu_change_to_map_seconds_count{kind="new"} 1.0' in told

@@ -133,6 +133,7 @@ async def test_ids_stay_the_same_over_review_and_import(
 async def test_a_rejection_keeps_its_reason_until_the_evidence_has_left_and_come_again(
     town: Any, reports: Any, client: httpx.AsyncClient, provider: Headers
 ) -> None:
+    town.policy = reports.KNOWN
     await confirm_new(town, reports)
     [candidate] = await town.candidates()
     answer = await review(client, provider, 1, decision="reject", reason="a poster of a sign")
@@ -158,6 +159,7 @@ async def test_a_rejection_keeps_its_reason_until_the_evidence_has_left_and_come
 async def test_a_review_names_the_revision_it_is_about(
     town: Any, reports: Any, client: httpx.AsyncClient, provider: Headers
 ) -> None:
+    town.policy = reports.KNOWN
     await town.report("a", reports.find(100, 0, hours=0))
     await town.fuse()
     stale = (await client.get("/v1/changes/1", headers=provider)).headers["etag"]

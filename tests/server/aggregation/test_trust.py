@@ -58,7 +58,7 @@ async def test_liars_who_came_first_lose_trust_and_what_they_said_falls(road: An
             hours = 3 * round_ + number
             await road.report(liar, *(reports.missed(one, hours=hours) for one in range(1, 9)), session=f"{round_}")
     await road.fuse()
-    assert {change.state for change in await road.changes()} == {"confirmed"}  # nobody knows them yet
+    assert {change.state for change in await road.changes()} == {"candidate"}  # three strangers delete nothing
     for number in range(4):
         await drive(road, reports, f"honest-{number}", 10.0 + number)
     first = await renew(road)
@@ -100,13 +100,17 @@ async def test_a_lost_car_is_gated_and_let_in_again_when_others_come_to_agree(ro
     assert (await road.feature_state(1)).passes == 15
 
 
-async def test_a_find_by_strangers_waits_for_company_once_there_are_records(road: Any, reports: Any) -> None:
-    """The first version asks strangers for company; who was right about finds needs less of it."""
+async def test_a_find_by_strangers_waits_for_company_and_no_version_takes_it_back(road: Any, reports: Any) -> None:
+    """It takes one more of them than of those who were right about finds, before the first version and after it."""
     places = [(40.0 + 150.0 * number, 9.0) for number in range(3)]
     for number in range(5):
         await road.report(f"old-{number}", *(reports.find(*place, hours=float(number)) for place in places))
-    await road.fuse()
+        await road.fuse()
+        assert {row.standing for row in await road.candidates()} == {number >= 2}
+    before = await road.entries()
     await renew(road)
+    assert await road.entries() == before
+    assert {change.document["trust_version"] for change in await road.changes()} == {0}
     proven = {
         row.label
         for row in await road.rows(
@@ -121,10 +125,11 @@ async def test_a_find_by_strangers_waits_for_company_once_there_are_records(road
             await road.report(f"new-{number}", reports.find(*mixed, hours=20.0 + number))
         await road.fuse()
         standing = [row.standing for row in await road.rows("SELECT standing FROM candidates ORDER BY id")][3:]
-        assert standing[0] is (number == 3)
+        assert standing[0] is (number >= 2)
     await road.report("old-0", reports.find(*mixed, hours=30.0))
     await road.fuse()
     assert [row.standing for row in await road.candidates()] == [True] * 5
+    assert (await road.changes())[-1].document["trust_version"] == 1
     assert await rebuild.differences(road.engine, road.policy) == []
 
 
@@ -164,6 +169,7 @@ async def test_the_command_and_the_explanation(
     await road.do(
         "UPDATE passes SET ended_at = ended_at + (now() - '2026-05-02'), started_at = now() - interval '2 day'"
     )
+    await rebuild.rebuild(road.engine, road.policy)
     said = await asyncio.to_thread(command, "recompute-trust")
     assert said.returncode == 0, said.stderr
     assert "trust version 1" in said.stderr
