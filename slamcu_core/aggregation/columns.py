@@ -93,7 +93,7 @@ def fold_columns(
         table(newest.weight_against),
         table(newest.informativeness),
         table(newest.code).astype(np.intp),
-        None if policy.trusts is None else table(policy.trusts.records(newest.contributor)).astype(bool),
+        None if policy.trusts is None else table(policy.trusts.records(newest.contributor, newest.time)).astype(bool),
     )
     course = fold_histories(histories, priors, policy, deleted=deleted)
     times = np.full(len(priors), np.nan)

@@ -27,7 +27,7 @@ class Histories:
     weight_against: Array  # (K, N), a >= 0, discounted
     informativeness: Array  # (K, N), w in [0, 1]
     contributor: Indices  # (K, N), codes from 0 that tell the contributors of one feature apart
-    proven: Flags | None = None  # (K, N), whether the contributor has a record; None: all have
+    proven: Flags | None = None  # (K, N), whether the contributor had a record then; None: all had
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,10 +131,8 @@ def _quorate(
     enough = count >= quorum
     if histories.proven is None or quorum == 1 or not enough.any():
         return np.asarray(enough)
-    known = np.zeros(speak.shape, bool)
-    rows = np.broadcast_to(np.arange(features.size), (steps, features.size))
-    known[rows, histories.contributor[:steps, features]] = histories.proven[:steps, features]
-    return np.asarray(enough & ((speak & known).any(axis=1) | (count >= quorum + policy.strangers_more)))
+    known = _speaking(histories, np.where(histories.proven, weight, 0.0), steps, features, policy).any(axis=1)
+    return np.asarray(enough & (known | (count >= quorum + policy.strangers_more)))
 
 
 def _contributors(histories: Histories, weight: Array, steps: int, features: Indices, policy: ClassPolicy) -> Indices:

@@ -202,7 +202,9 @@ def _histories(newest: Sequence[Sequence[Contribution]], policy: ClassPolicy) ->
             w[step, feature] = item.informativeness
             who[step, feature] = codes.setdefault(item.contributor, len(codes))
         if policy.trusts is not None:
-            proven[: len(items), feature] = policy.trusts.records([item.contributor for item in items])
+            proven[: len(items), feature] = policy.trusts.records(
+                [item.contributor for item in items], [item.time for item in items]
+            )
     return Histories(f, a, w, who, None if policy.trusts is None else proven)
 
 

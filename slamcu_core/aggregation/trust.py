@@ -17,10 +17,12 @@ class Trusts:
     version: int = 0
     contributor: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))  # (C,), ascending
     share: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # (C,), of the policy's α, in [0, 1]
-    proven: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))  # (C,), has a record
+    proven_since: NDArray[np.float64] = field(
+        default_factory=lambda: np.zeros(0)
+    )  # (C,), s; has a record after it; inf: none
 
     def __post_init__(self) -> None:
-        if not (len(self.contributor) == len(self.share) == len(self.proven)):
+        if not (len(self.contributor) == len(self.share) == len(self.proven_since)):
             raise EvidenceError("a trust table needs one share and one record for each contributor")
         if (np.diff(self.contributor) <= 0).any():
             raise EvidenceError("the contributors of a trust table must ascend")
@@ -32,10 +34,10 @@ class Trusts:
         found, place = self._find(contributors)
         return np.where(found, self.share[place], 1.0) if self.contributor.size else np.ones(found.shape)
 
-    def records(self, contributors: ArrayLike) -> NDArray[np.bool_]:
-        """Return which of the contributors (any shape) have a record."""
+    def records(self, contributors: ArrayLike, times: ArrayLike) -> NDArray[np.bool_]:
+        """Return which of the contributors (any shape) had a record when they spoke (same shape, s of POSIX time)."""
         found, place = self._find(contributors)
-        return found & self.proven[place] if self.contributor.size else found
+        return found & (np.asarray(times, float) > self.proven_since[place]) if self.contributor.size else found
 
     def _find(self, contributors: ArrayLike) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
         who = np.asarray(contributors, np.int64)

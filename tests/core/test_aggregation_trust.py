@@ -28,13 +28,13 @@ HOUR = 3600.0
 
 
 def trusts(**known: Any) -> Trusts:
-    """`trusts(c3=(0.5, True))`: contributor 3 has half the policy's trust, and a record."""
+    """`trusts(c3=(0.5, True))`: contributor 3 has half the policy's trust, and a record (a number: since when, s)."""
     rows = sorted((int(name[1:]), *values) for name, values in known.items())
     return Trusts(
         1,
         np.array([row[0] for row in rows], np.int64),
         np.array([row[1] for row in rows], float),
-        np.array([row[2] for row in rows], bool),
+        np.array([{True: -np.inf, False: np.inf}.get(row[2], row[2]) for row in rows], float),
     )
 
 
@@ -69,6 +69,19 @@ def test_as_many_strangers_as_the_quorum_decide_nothing_however_often_they_come(
     believed = [(number, 1.0) for number in range(10, 14)]
     assert standing(nobody, Side.NEW, *believed, *[(number % 2, -1.0) for number in range(40)])[-1]
     assert not standing(alike, Side.NEW, *believed, *[(number % 2, -1.0) for number in range(40)])[-1]
+
+
+def test_a_record_counts_from_when_it_was_earned() -> None:
+    """Who drives honestly by day must not confirm by that what he and another invented the night before."""
+    finds = [(1, 1.0), (2, 1.0)]
+    for since, stands in ((True, True), (HOUR / 2, True), (HOUR, False), (False, False)):
+        policy = ClassPolicy(trusts=trusts(c2=(1.0, since)))
+        assert standing(policy, Side.NEW, *finds) == [False, stands]
+    late = ClassPolicy(trusts=trusts(c2=(1.0, 1.5 * HOUR)))
+    assert standing(late, Side.NEW, *finds, (2, 1.0)) == [False, False, True]
+    assert standing(late, Side.NEW, *finds, (1, 1.0)) == [False, False, False]
+    # nor by what he says against it now
+    assert standing(late, Side.NEW, *finds, (2, -1.0), (1, 1.0), (1, 1.0), (1, 1.0))[-1] is False
 
 
 def test_the_first_version_takes_nothing_back() -> None:
@@ -115,7 +128,7 @@ def test_trust_is_no_parameter_of_the_policy() -> None:
 )
 def test_a_table_that_cannot_be_is_refused(contributor: list[int], share: list[float], message: str) -> None:
     with pytest.raises(EvidenceError, match=message):
-        Trusts(1, np.array(contributor, np.int64), np.array(share), np.zeros(len(share), bool))
+        Trusts(1, np.array(contributor, np.int64), np.array(share), np.zeros(len(share)))
 
 
 @given(
@@ -124,7 +137,7 @@ def test_a_table_that_cannot_be_is_refused(contributor: list[int], share: list[f
         min_size=1,
         max_size=40,
     ),
-    known=st.dictionaries(st.integers(1, 6), st.tuples(st.floats(0, 1), st.booleans())),
+    known=st.dictionaries(st.integers(1, 6), st.tuples(st.floats(0, 1), st.booleans() | st.floats(0, 30 * HOUR))),
     deleted=st.booleans(),
 )
 def test_columns_and_lists_agree_under_any_table(says: Any, known: Any, deleted: bool) -> None:

@@ -59,34 +59,37 @@ async def recompute(engine: AsyncEngine, now: datetime | None = None) -> Recompu
         alone = await connection.execute(text("SELECT pg_try_advisory_xact_lock(:key)"), {"key": _LOCK})
         if not alone.scalar_one():
             return None
-        verdicts = await _verdicts(connection, (now or datetime.now(UTC)) - WINDOW)
-        return await _write(connection, verdicts)
+        verdicts, newest = await _verdicts(connection, (now or datetime.now(UTC)) - WINDOW)
+        return await _write(connection, verdicts, datetime.fromtimestamp(newest, UTC))
 
 
-async def _verdicts(connection: AsyncConnection, since: datetime) -> list[Verdict]:
+async def _verdicts(connection: AsyncConnection, since: datetime) -> tuple[list[Verdict], float]:
+    """Return all verdicts, and the time of the newest testimony, s of POSIX time."""
     found: list[Verdict] = []
+    newest = 0.0
     for about in About:
         async for things in testimonies.read(connection, about, since):
+            newest = max(newest, *(item.time for said in things for item in said))
             found += await asyncio.to_thread(_judge, things, about)
-    return found
+    return found, newest
 
 
 def _judge(things: Iterable[list[Testimony]], about: About) -> list[Verdict]:
     return [verdict for said in things for verdict in judge(said, about)]
 
 
-async def _write(connection: AsyncConnection, verdicts: list[Verdict]) -> Recomputed:
+async def _write(connection: AsyncConnection, verdicts: list[Verdict], newest: datetime) -> Recomputed:
     of_contributor: defaultdict[int, list[Verdict]] = defaultdict(list)
     of_session: defaultdict[Session, list[Verdict]] = defaultdict(list)
     for one in verdicts:
         of_contributor[one.testimony.contributor].append(one)
         of_session[one.testimony.contributor, one.testimony.session].append(one)
-    wanted = {key: _standing(tally(mine)) for key, mine in of_contributor.items()}
     sessions = {key: tally(mine) for key, mine in of_session.items()}
 
     await marks.hold_alone(connection)
     version = await table.newest_version(connection)
     before = await table.current(connection)
+    wanted = {key: _standing(tally(mine), before.get(key, Standing()), newest) for key, mine in of_contributor.items()}
     changed = {
         key: wanted.get(key, Standing())
         for key in sorted(wanted.keys() | before.keys())
@@ -100,8 +103,11 @@ async def _write(connection: AsyncConnection, verdicts: list[Verdict]) -> Recomp
     return Recomputed(version, len(verdicts), changed, gated, released)
 
 
-def _standing(counted: Tally) -> Standing:
-    return Standing(trust_share(counted), has_record(counted), counted)
+def _standing(counted: Tally, before: Standing, newest: datetime) -> Standing:
+    """Return what a tally is worth: a record that is new counts for what is said from now on, not for what was."""
+    proven = has_record(counted)
+    since = None if not proven else before.proven_since if before.proven else newest
+    return Standing(trust_share(counted), proven, since, counted)
 
 
 def _differs(one: Standing, other: Standing) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -21,6 +22,7 @@ _TYPES = {
     "contributor_id": "bigint",
     "share": "float8",
     "proven": "boolean",
+    "proven_since": "timestamptz",
     "right_count": "integer",
     "wrong_count": "integer",
     "right_claims": "integer",
@@ -34,6 +36,7 @@ class Standing:
 
     share: float = 1.0  # of the policy's α
     proven: bool = False
+    proven_since: datetime | None = None  # event time; None: always, if proven
     counted: Tally = field(default_factory=Tally)
 
 
@@ -69,6 +72,7 @@ async def current(connection: AsyncConnection) -> dict[int, Standing]:
         row.contributor_id: Standing(
             row.share,
             row.proven,
+            row.proven_since,
             Tally(row.right_count, row.wrong_count, row.right_claims, row.wrong_claims),
         )
         for row in found
@@ -95,6 +99,7 @@ async def write_version(connection: AsyncConnection, judged: int, changed: Mappi
             "contributor_id": key,
             "share": changed[key].share,
             "proven": changed[key].proven,
+            "proven_since": changed[key].proven_since,
             "right_count": changed[key].counted.right,
             "wrong_count": changed[key].counted.wrong,
             "right_claims": changed[key].counted.right_claims,
@@ -115,7 +120,10 @@ async def load(connection: AsyncConnection, version: int) -> Trusts:
     found = list(
         await connection.execute(
             text("""
-            SELECT contributor_id, share, proven FROM trust
+            SELECT contributor_id, share,
+                   CASE WHEN NOT proven THEN 'infinity'
+                        ELSE COALESCE(extract(epoch FROM proven_since)::float8, '-infinity') END AS proven_since
+            FROM trust
             WHERE from_version <= :version AND (to_version IS NULL OR to_version > :version)
             ORDER BY contributor_id"""),
             {"version": version},
@@ -125,5 +133,5 @@ async def load(connection: AsyncConnection, version: int) -> Trusts:
         version,
         np.array([row.contributor_id for row in found], np.int64),
         np.array([row.share for row in found], float),
-        np.array([row.proven for row in found], bool),
+        np.array([row.proven_since for row in found], float),
     )

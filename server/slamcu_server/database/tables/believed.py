@@ -66,6 +66,7 @@ trust = Table(  # what one version after the other says of contributors; who is 
     Column("to_version", BigInteger),  # the first version that says otherwise; NULL: the newest says so
     Column("share", Double, nullable=False),  # of the policy's trust
     Column("proven", Boolean, nullable=False),  # has a record
+    Column("proven_since", DateTime(timezone=True)),  # event time from which it counts; NULL: always
     Column("right_count", Integer, nullable=False),  # verdicts when the version was made
     Column("wrong_count", Integer, nullable=False),
     Column("right_claims", Integer, nullable=False),  # of these about candidates
