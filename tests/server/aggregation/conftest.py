@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -230,6 +233,24 @@ class Reports:
 @pytest.fixture(scope="session")
 def reports() -> type[Reports]:
     return Reports
+
+
+@pytest.fixture
+def worker(server_environment: dict[str, str]) -> Callable[[], AbstractContextManager[subprocess.Popen[bytes]]]:
+    """Start a worker's process, which is killed (kill -9) at the end of the context."""
+
+    @contextmanager
+    def started() -> Iterator[subprocess.Popen[bytes]]:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "slamcu_server.cli", "worker"], env=server_environment, stdout=subprocess.DEVNULL
+        )
+        try:
+            yield process
+        finally:
+            process.kill()
+            process.wait()
+
+    return started
 
 
 @pytest.fixture

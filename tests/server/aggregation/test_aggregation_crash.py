@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from datetime import timedelta
 from typing import Any
 
@@ -19,18 +17,6 @@ from slamcu_server.metrics.instruments import Instruments
 pytestmark = pytest.mark.anyio
 
 
-@contextmanager
-def worker(environment: dict[str, str]) -> Iterator[subprocess.Popen[bytes]]:
-    process = subprocess.Popen(
-        [sys.executable, "-m", "slamcu_server.cli", "worker"], env=environment, stdout=subprocess.DEVNULL
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
-
-
 async def fused_beyond(town: Any, count: int, process: subprocess.Popen[bytes] | None = None) -> None:
     """Wait until more than `count` messages are fused."""
     while await town.scalar("SELECT count(*) FROM messages WHERE state = 'fused'") <= count:
@@ -39,7 +25,7 @@ async def fused_beyond(town: Any, count: int, process: subprocess.Popen[bytes] |
 
 
 async def test_workers_killed_in_the_middle_of_an_upload_lose_and_double_nothing(
-    town: Any, reports: Any, server_environment: dict[str, str]
+    town: Any, reports: Any, worker: Callable[[], Any]
 ) -> None:
     # Every batch takes a while after it has written its passes, so that a kill comes before its commit.
     await town.do(
@@ -60,7 +46,7 @@ async def test_workers_killed_in_the_middle_of_an_upload_lose_and_double_nothing
 
     for begin in (0, 100):
         fused = await town.scalar("SELECT count(*) FROM messages WHERE state = 'fused'")
-        with worker(server_environment) as first, worker(server_environment):
+        with worker() as first, worker():
             await upload(range(begin, begin + 20))
             await fused_beyond(town, fused, first)
             await upload(range(begin + 20, begin + 100))  # they are at these when they are killed

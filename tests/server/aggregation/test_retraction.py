@@ -12,6 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
+from slamcu_core.aggregation import Policy
 from slamcu_core.reports import PassReport
 from slamcu_server.aggregation import rebuild
 from slamcu_server.aggregation.worker import forget_archived
@@ -197,6 +198,66 @@ async def test_what_is_taken_out_was_never_there_and_comes_back_whole(road: Any,
         assert await road.scalar("SELECT state FROM retractions") == "undone"
         assert_equal(await believed(road), whole)
         await assert_consistent(road)
+
+
+_HALF_WAY = """
+    SELECT (SELECT count(*) FROM passes WHERE retraction_id IS NOT NULL) AS marked,
+           (SELECT count(*) FROM corrections) AS listed,
+           (SELECT count(*) FROM corrections l JOIN passes p ON p.id = l.pass_id
+            WHERE p.retraction_id IS NOT NULL) AS both,
+           (SELECT count(*) FROM pg_stat_activity
+            WHERE datname = current_database() AND wait_event = 'PgSleep') AS asleep"""
+
+
+@pytest.mark.parametrize("policy", [Policy()])  # the worker's own
+async def test_a_worker_killed_in_the_middle_of_a_retraction_leaves_nothing_half_done(
+    road: Any, reports: Any, worker: Callable[[], Any]
+) -> None:
+    messages = [replace(one, session=f"{seed}-{one.session}") for seed in range(3) for one in a_fleet(reports, seed)]
+    named = sum(len(one.passes) for one in messages if one.software == "4.2")
+    assert corrections.PIECE < named <= 2 * corrections.PIECE
+    await tell(road, [one for one in messages if one.software != "4.2"])
+    await road.fuse()
+    without = await believed(road)
+    await clear(road)
+    await tell(road, messages)
+    await road.fuse()
+    whole = await believed(road)
+    # Every piece takes a while after it has marked its passes, so that a kill comes before its commit.
+    await road.do(
+        """CREATE FUNCTION linger() RETURNS trigger LANGUAGE plpgsql AS
+        $$ BEGIN PERFORM pg_sleep(0.8); RETURN NULL; END $$"""
+    )
+    await road.do(
+        """CREATE TRIGGER linger AFTER UPDATE OF retraction_id ON passes
+        FOR EACH STATEMENT EXECUTE FUNCTION linger()"""
+    )
+
+    async def until(*, asleep: bool, beyond: int = -1) -> Any:
+        """Wait until a transaction lingers, or none does, and more passes than so many are marked for good."""
+        async with asyncio.timeout(60):
+            while True:
+                (row,) = await road.rows(_HALF_WAY)
+                if (row.asleep > 0) is asleep and row.marked > beyond:
+                    return row
+                await asyncio.sleep(0.02)
+
+    retraction = await retract(road, software_version="4.2")
+    for marked in (0, corrections.PIECE):  # by the first piece, and by the second
+        with worker():
+            await until(asleep=True, beyond=marked - 1)
+        left = await until(asleep=False)  # the database has taken back what the dead had begun
+        assert (left.marked, left.listed, left.both) == (marked, named - marked, 0)
+        await assert_consistent(road)
+    await road.do("DROP TRIGGER linger ON passes")
+    await apply(road)
+    assert await road.scalar("SELECT state FROM retractions") == "applied"
+    assert_equal(await believed(road), without)
+    await assert_consistent(road)
+    assert await rebuild.rebuild(road.engine, road.policy) == 0
+    await undo(road, retraction)
+    await apply(road)
+    assert_equal(await believed(road), whole)
 
 
 async def test_overlapping_retractions_hold_each_for_itself(road: Any, reports: Any) -> None:
