@@ -44,6 +44,7 @@ _SEARCH_INTERVAL_S = 2.0  # s between searches while in doubt
 _AGREEMENT = 5  # things seen that must fall on the map for a new pose ...
 _SHARE = 0.7  # ... and share of all that was seen ...
 _BETTER_BY = 3  # ... and so many more than from the old one
+_FITS = 0.6  # share of what was seen that fits the map from here, above which no other pose is asked for
 
 
 class SlamcuFilter:
@@ -251,11 +252,12 @@ class SlamcuFilter:
         reckoned = self._reckoned
         here = Motion(float(mean[2] - reckoned[2]), np.zeros(2))
         here = Motion(here.angle, mean[:2] - here.apply(reckoned[:2]))
-        motion, agreed, rival = search(seen, table.xy[rows], fits)
-        needed = max(
-            _AGREEMENT, _SHARE * len(seen.place), agreement(seen, here, table.xy[rows], fits) + _BETTER_BY, rival + 1
-        )
         before, self._candidate = self._candidate, None
+        explained = agreement(seen, here, table.xy[rows], fits)
+        if explained > _FITS * len(seen.place):
+            return  # in a crowd a search costs hundreds of steps
+        motion, agreed, rival = search(seen, table.xy[rows], fits)
+        needed = max(_AGREEMENT, _SHARE * len(seen.place), explained + _BETTER_BY, rival + 1)
         if motion is None or agreed < needed or same(motion, here, reckoned[:2]):
             return
         self._candidate = motion
