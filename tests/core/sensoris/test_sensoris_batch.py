@@ -89,7 +89,7 @@ def test_json_of_the_full_schema_is_understood(a_report: ReportMessage) -> None:
         b"\x12\x7f",
         b"<html></html>",
         b'{"dataMessage": []}',
-        gzip.compress(b"anything"),
+        gzip.compress(b"anything", mtime=0),
         b"\x08\x01",
         b"\x10\x01",
         b"\x12" + b"\xff" * 10,
