@@ -125,14 +125,14 @@ def test_a_small_fleet_is_heard_by_a_real_server_and_need_not_drive_twice(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     work, out = tmp_path / "work", tmp_path / "fleet.json"
-    options = ["--vehicles", "1,2", "--roads", "1", "--length-km", "1.5", "--seed", "1", "--work", str(work)]
+    options = ["--vehicles", "1,3", "--roads", "1", "--length-km", "1.5", "--seed", "1", "--work", str(work)]
     assert run(["fleet", *options, "--json", str(out)]) == 0
     figures = json.loads(out.read_text())
-    assert set(figures["vehicles"]) == {"1", "2"}
+    assert set(figures["vehicles"]) == {"1", "3"}
     for block in figures["vehicles"].values():
         assert set(block) >= {*KINDS, "new_position_error_m", "ellipse95_coverage", "passes_to_decision", "ece"}
-    assert figures["vehicles"]["2"]["new"]["true"] == figures["features_of_each_kind"]["new"] == 6
-    assert figures["vehicles"]["2"]["new"]["right"] >= 1
+    assert figures["vehicles"]["3"]["new"]["true"] == figures["features_of_each_kind"]["new"] == 6
+    assert figures["vehicles"]["3"]["new"]["right"] >= 1
     assert figures["common_bias"] is False
 
     # the readings are kept: the same figures without a car or a server
