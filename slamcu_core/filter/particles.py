@@ -39,6 +39,7 @@ class Particles:
     covariances: Array  # (3, L, M) xx, xy, yy of the covariances Σ of new features, m²
     gnss_bias: Array  # (2, M) mean of the satellite receiver's bias, m
     calibration: Array  # (2, M) mean range scale error and bearing bias (rad)
+    grip: Array  # (M,) share of the motion told by odometry that is made; 1 while nothing slips
     pending: Array | None = None  # (3, K, M): the pose waits for this times a standard normal (K,) to be added
     _weights: tuple[Array, Array] | None = field(default=None, init=False)  # of which `log_weight`, and they
 
@@ -65,6 +66,7 @@ class Particles:
             covariances=np.zeros((3, slots, count)),
             gnss_bias=-state[:2],  # what the start has wrong; see `GnssBias`
             calibration=np.zeros((2, count)),
+            grip=np.ones(count),
         )
 
     def __len__(self) -> int:
@@ -193,6 +195,7 @@ class Particles:
             covariances=covariances,
             gnss_bias=np.repeat(self.gnss_bias, factor, axis=1),
             calibration=np.repeat(self.calibration, factor, axis=1),
+            grip=np.repeat(self.grip, factor),
         )
         delta = many.state[:3] - mean[:3, None]
         delta[2] = wrap_angle(delta[2])
@@ -241,6 +244,7 @@ class Particles:
             self.covariances[:, slots] = self.covariances[:, slots[:, None], index]
         self.gnss_bias = self.gnss_bias[:, index]
         self.calibration = self.calibration[:, index]
+        self.grip = self.grip[index]
         if self.pending is not None:
             self.pending = self.pending[..., index]
         self.log_weight = np.zeros(len(index))

@@ -55,8 +55,12 @@ def predict(particles: Particles, travel: Travel, noise: MotionNoise, rng: np.ra
     constants += (wander * rng.standard_normal((len(particles), 3))).T
     speed_scale, yaw_scale, yaw_bias = constants
     turn = travel.turn * yaw_scale
-    turn += yaw_bias * travel.time
     distance = travel.distance * speed_scale
+    if noise.slip_share > 0.0:
+        _slip(particles, travel.time, noise, rng)
+        turn *= particles.grip
+        distance *= particles.grip
+    turn += yaw_bias * travel.time
     direction, chord = arc(state[2], distance, turn)
     distance_std = noise.distance_std * math.sqrt(abs(travel.distance))
     turn_std = math.sqrt(noise.turn_std**2 * abs(travel.turn) + noise.drift_std**2 * travel.time)
@@ -73,3 +77,13 @@ def predict(particles: Particles, travel: Travel, noise: MotionNoise, rng: np.ra
     particles.pending = pending
     state[:2] += chord
     state[2] += turn
+
+
+def _slip(particles: Particles, time: float, noise: MotionNoise, rng: np.random.Generator) -> None:
+    """Let particles begin and end to slip, in place: stays of exponential length, and a share drawn for each slip."""
+    slips = particles.grip < 1.0
+    leave = -math.expm1(-time / noise.slip_time_s)
+    enter = leave * noise.slip_share / (1.0 - noise.slip_share)
+    drawn, share = rng.random((2, len(particles)))
+    changes = drawn < np.where(slips, leave, enter)
+    particles.grip = np.where(changes, np.where(slips, 1.0, share), particles.grip)

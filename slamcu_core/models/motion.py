@@ -30,6 +30,8 @@ class MotionNoise:
     yaw_scale_std: float = 0.01  # of the yaw rate, constant per vehicle
     yaw_bias_std: float = 0.001  # rad/s, constant per drive
     constant_time_s: float = 300.0  # s; time in which a constant may change (tyres warm up, a gyro drifts)
+    slip_share: float = 0.0  # of the time, wheels do not do what odometry says ...
+    slip_time_s: float = 2.0  # s; ... for so long at a time
 
     @property
     def constants_std(self) -> Array:
@@ -47,6 +49,7 @@ class MotionNoise:
             yaw_scale_std=0.12,
             yaw_bias_std=0.005,
             constant_time_s=60.0,
+            slip_share=0.1,
         )
 
 
