@@ -15,9 +15,7 @@ Array = NDArray[np.float64]
 
 _LN_2 = float(np.log(2.0))
 _SCALE_ERROR = 0.06  # of our own speed; how fast a still sign may seem to move for errors of range
-_SLOWEST_MOVER = 0.5  # of our own speed; what moves along with traffic moves at least so fast ...
-_MOVERS = np.linspace(1.0, 2.0, 6)  # ... and at any speed up to twice that
-_STILL_ODDS = 0.03  # how likely a find's places are if it moves, at most, to how likely if it stands still
+_SLOWEST_MOVER = 0.5  # of our own speed; what moves along with traffic moves at least so fast
 _CERTAIN = 1.0 - 1e-6  # no view is more certain than this
 _PERSISTENCE = 0.2  # of the sensor's P_D; one real pass in a thousand falls below (Beta, four looks)
 
@@ -114,8 +112,8 @@ def stands_still(
     """Return whether rows have proven to stand still.
 
     Signs painted on lorries look like signs. Each row keeps a weighted regression of its place along the road on
-    time; it is proven when its speed agrees with 0 (chi-square 9) and is thirty times as likely to be that as that of
-    something that moves, at any speed of traffic alike.
+    time; it is proven when its speed agrees with 0 (chi-square 9) and is ten times as likely to be that as the slowest
+    mover's.
     A wrong scale of range looks like a speed in proportion to our own.
     """
     w, wt, wtt, wy, wty = table.track.take(rows, axis=0).T
@@ -130,15 +128,12 @@ def stands_still(
     np.abs(speed, out=speed)
     variance = w / spread
     variance += (_SCALE_ERROR * own_speed) ** 2
-    slowest = max(parameters.mover_speed, _SLOWEST_MOVER * abs(own_speed))
-    moves = speed[:, None] - slowest * _MOVERS
-    moves *= moves
+    faster = np.maximum(max(parameters.mover_speed, _SLOWEST_MOVER * abs(own_speed)) - speed, 0.0)
     speed *= speed
     known &= speed < 9.0 * variance
-    moves -= speed[:, None]
-    moves /= -2.0 * variance[:, None]
-    np.exp(moves, out=moves)
-    known &= moves.mean(axis=1) < _STILL_ODDS
+    faster *= faster
+    faster -= speed
+    known &= faster > 4.6 * variance
     return np.asarray(known)
 
 

@@ -21,8 +21,6 @@ _STEP_M = 30.0  # how far the car may move before the neighbourhood is looked up
 # Beyond the sensors' reach: a find this far away is collapsed to one Gaussian, earlier if half of the slots are taken.
 # Until then it profits from what corrects the pose: some 500 m of motorway bring the next signs of the map.
 _KEEP_M, _KEEP_CROWDED_M = 500.0, 150.0
-# While its place is vaguer than this, as before the first signs of the map, it waits for that correction longer.
-_VAGUE_M, _KEEP_VAGUE_M = 1.25, 2000.0
 _REANCHOR_M = 15_000.0  # the local frame is flat enough up to here
 
 
@@ -117,13 +115,10 @@ class Neighbourhood:
         distance = np.hypot(*(table.xy[own] - place).T)
         crowded = 2 * int(live.sum()) > particles.means.shape[1]
         far = distance > self._reach + (_KEEP_CROWDED_M if crowded else _KEEP_M)
-        leaves = (live & far).nonzero()[0]
-        if len(leaves):
-            means, covariances = particles.collapse(table.slot[own[leaves]])
-            settled = covariances[0] + covariances[2] < _VAGUE_M**2
-            settled |= crowded | (distance[leaves] > self._reach + _KEEP_VAGUE_M)
-            behind = own[leaves[settled]]
-            table.xy[behind], table.covariance[behind] = means.T[settled], covariances.T[settled]
+        behind = own[live & far]
+        if len(behind):
+            means, covariances = particles.collapse(table.slot[behind])
+            table.xy[behind], table.covariance[behind] = means.T, covariances.T
             table.slot[behind] = -1
         for row in own[~live & (distance < self._reach + 2.0 * _STEP_M)]:
             for slot in self.free_slots(particles)[:1]:
