@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from datetime import timedelta
 from typing import Any
 
-import httpx
 import pytest
 
 from slamcu_core.aggregation import Policy
@@ -133,6 +132,22 @@ async def assert_consistent(road: Any) -> None:
     assert wrong == []
 
 
+async def assert_applied_and_undone(
+    road: Any, retraction: int, *, without: dict[Any, Any], whole: dict[Any, Any]
+) -> None:
+    """The only retraction is applied, to the state without what it names; undone, the whole is back."""
+    assert await road.scalar("SELECT state FROM retractions") == "applied"
+    assert_equal(await believed(road), without)
+    await assert_consistent(road)
+    assert await rebuild.rebuild(road.engine, road.policy) == 0
+
+    await undo(road, retraction)
+    await apply(road)
+    assert await road.scalar("SELECT state FROM retractions") == "undone"
+    assert_equal(await believed(road), whole)
+    await assert_consistent(road)
+
+
 @pytest.fixture
 async def road(engine: Any, town: Any) -> Any:
     made = type(town)(engine, town.policy, source="road")
@@ -188,16 +203,7 @@ async def test_what_is_taken_out_was_never_there_and_comes_back_whole(road: Any,
             await assert_consistent(road)
         await asyncio.gather(apply(road), apply(road), road.fuse_some(1))
         await apply(road)
-        assert await road.scalar("SELECT state FROM retractions") == "applied"
-        assert_equal(await believed(road), without)
-        await assert_consistent(road)
-        assert await rebuild.rebuild(road.engine, road.policy) == 0
-
-        await undo(road, retraction)
-        await apply(road)
-        assert await road.scalar("SELECT state FROM retractions") == "undone"
-        assert_equal(await believed(road), whole)
-        await assert_consistent(road)
+        await assert_applied_and_undone(road, retraction, without=without, whole=whole)
 
 
 _HALF_WAY = """
@@ -251,13 +257,7 @@ async def test_a_worker_killed_in_the_middle_of_a_retraction_leaves_nothing_half
         await assert_consistent(road)
     await road.do("DROP TRIGGER linger ON passes")
     await apply(road)
-    assert await road.scalar("SELECT state FROM retractions") == "applied"
-    assert_equal(await believed(road), without)
-    await assert_consistent(road)
-    assert await rebuild.rebuild(road.engine, road.policy) == 0
-    await undo(road, retraction)
-    await apply(road)
-    assert_equal(await believed(road), whole)
+    await assert_applied_and_undone(road, retraction, without=without, whole=whole)
 
 
 async def test_overlapping_retractions_hold_each_for_itself(road: Any, reports: Any) -> None:
@@ -378,39 +378,3 @@ async def test_what_was_taken_out_is_forgotten_in_time_but_not_what_ids_are_boun
     assert await forget_archived(road.engine, timedelta(0)) == 1
     assert await road.scalar("SELECT count(*) FROM passes") == 2
     await assert_consistent(road)
-
-
-async def test_over_the_api(client: httpx.AsyncClient, admin: Any, provider: Any, road: Any, reports: Any) -> None:
-    await road.report("van", reports.missed(1, hours=0.0), reports.find(40.0, 9.0, hours=0.0), software_version="4.2")
-    await road.fuse()
-    asked = {"contributor": "van", "reason": "loose camera", "dry_run": True}
-    url = "/v1/evidence/retract"
-    assert (await client.post(url, json=asked, headers=provider)).status_code == 403
-    dry = await client.post(url, json=asked, headers=admin)
-    assert (dry.status_code, dry.json()["passes"], dry.json()["features"], dry.json()["candidates"]) == (200, 2, 1, 1)
-    made = await client.post(url, json=asked | {"dry_run": False}, headers=admin)
-    assert (made.status_code, made.json()["state"], made.json()["requested_by"]) == (202, "requested", "admin")
-    again = await client.post(url, json=asked | {"dry_run": False}, headers=admin)
-    assert (again.status_code, again.json()["id"]) == (200, made.json()["id"])
-    await apply(road)
-    one = f"/v1/evidence/retractions/{made.json()['id']}"
-    done = (await client.get(one, headers=admin)).json()
-    assert (done["state"], done["passes"], done["reason"]) == ("applied", 2, "loose camera")
-    assert "retained window" in done["exactness"]
-    for _ in range(2):
-        undone = await client.post(f"{one}/undo", json={"reason": "it was not"}, headers=admin)
-        assert (undone.status_code, undone.json()["undone_by"]) == (202, "admin")
-    await apply(road)
-    listed = (await client.get("/v1/evidence/retractions", params={"limit": 1}, headers=admin)).json()
-    assert [(each["state"], each["undo_reason"]) for each in listed["retractions"]] == [("undone", "it was not")]
-    assert listed["next"] is None
-    for wrong, status in (
-        ({"reason": "x"}, 422),
-        ({"contributor": "nobody", "reason": "x"}, 404),
-        ({"contributor": "van"}, 422),
-        ({"fleet_id": "x\u0000", "reason": "x"}, 422),
-        ({"event_from": "2026-05-02T00:00:00Z", "event_until": "2026-05-01T00:00:00Z", "reason": "x"}, 422),
-    ):
-        refused = await client.post(url, json=wrong, headers=admin)
-        assert (refused.status_code, refused.headers["content-type"]) == (status, "application/problem+json")
-    assert (await client.get("/v1/evidence/retractions/99", headers=admin)).status_code == 404
