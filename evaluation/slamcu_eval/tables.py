@@ -107,8 +107,8 @@ def health(results: dict[str, Figures]) -> str:
             share(block["diverged_flagged_before_wrong"]),
             str(block["healthy_runs"]),
             share(block["healthy_flagged"]),
-            share(block["healthy_flagged_while_right"]) if "healthy_flagged_while_right" in block else "",
-            share(block["healthy_reports_flagged"]) if "healthy_reports_flagged" in block else "",
+            share(block["healthy_flagged_while_right"]),
+            share(block["healthy_reports_flagged"]),
             f"{block['reports']['wrong_when_lost_flagged']} of {block['reports']['wrong_when_lost']}",
         )
         for name, block in found.items()

@@ -17,9 +17,8 @@ class Trusts:
     version: int = 0
     contributor: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))  # (C,), ascending
     share: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))  # (C,), of the policy's α, in [0, 1]
-    proven_since: NDArray[np.float64] = field(
-        default_factory=lambda: np.zeros(0)
-    )  # (C,), s; has a record after it; inf: none
+    # (C,), s of POSIX time; has a record after it; inf: none
+    proven_since: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         if not (len(self.contributor) == len(self.share) == len(self.proven_since)):

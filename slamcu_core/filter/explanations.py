@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.filter.assignment import assign
-from slamcu_core.filter.ekf import apply, full, inverse, product, transpose
+from slamcu_core.filter.proposal import PendingNoise
 from slamcu_core.filter.weighting import gaussian_log_likelihood
 
 Array = NDArray[np.float64]
@@ -114,15 +114,13 @@ def _one_after_the_other(
     The pending noise is conditioned on each before the next is asked.
     """
     noises, pairs, count = h.shape[1:]
-    mean, spread = np.zeros((noises, count)), np.zeros((noises, noises, count))
-    spread[np.arange(noises), np.arange(noises)] = 1.0
+    noise = PendingNoise.untold(noises, count)
     log_likelihood, shares = np.zeros(count), np.empty((pairs, count))
     for start, end, log_unknown in detections:
-        mine = h[:, :, start:end]
-        nu = explanations.innovation[:, start:end] - apply(mine, mean[:, None])
-        across = product(spread[:, :, None], transpose(mine))
-        (xx, xy), (_, yy) = product(mine, across)
-        q = explanations.covariance[:, start:end] + np.array([xx, xy, yy])
+        nu, foreseen, across = noise.foresee(
+            h[:, :, start:end], explanations.innovation[:, start:end], explanations.covariance[:, start:end]
+        )
+        q = np.array(foreseen)
         log = np.empty((end - start + 1, count))
         log[:-1] = gaussian_log_likelihood(nu, q)
         log[-1] = log_unknown
@@ -135,8 +133,5 @@ def _one_after_the_other(
         drawn = (each.cumsum(axis=0) < rng.random(count)).sum(axis=0)
         known, every = drawn < end - start, np.arange(count)
         drawn = np.minimum(drawn, end - start - 1)
-        along = across[:, :, drawn, every]
-        gain = product(along, full(inverse(q[:, drawn, every]))) * known
-        mean = mean + apply(gain, nu[:, drawn, every])
-        spread = spread - product(gain, transpose(along))
-    return Weighed(log_likelihood, shares, mean, spread)
+        noise.learn(nu[:, drawn, every], q[:, drawn, every], across[:, :, drawn, every], known)
+    return Weighed(log_likelihood, shares, noise.mean, noise.spread)

@@ -31,9 +31,7 @@ _FALSE_ALARM = 0.05 / 100.0  # per encounter: in five of a hundred drives of a h
 _LOST = -math.log(_FALSE_ALARM)  # sum from which on reports are not to be believed ...
 _RECOVERED = 0.5 * _LOST  # ... until it has fallen to this
 _MOST = 2.0 * _LOST  # no filter is so lost that it could not find out that it no longer is
-_DOUBT = (
-    3.0  # sum from which on a better pose is looked for: at worst once in twenty encounters, for to look costs little
-)
+_DOUBT = 3.0  # sum from which on a better pose is looked for: at worst once in twenty encounters, for it costs little
 
 
 class _Encounters:

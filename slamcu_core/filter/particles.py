@@ -168,8 +168,13 @@ class Particles:
         self.pending = None
 
     def leave_open(self, factor: Array) -> None:
-        """Let the pose wait for noise of covariance F Fᵀ, F (3, K), the same for all."""
+        """Let the pose wait for noise of covariance F Fᵀ, F (3, 3), the same for all."""
         self.pending = np.repeat(factor[:, :, None], len(self), axis=2)
+
+    @property
+    def left_open(self) -> Array | None:
+        """The noise (3, 3, M) that was left open, if no motion has added its own (3, 2, M) or (3, 5, M) since."""
+        return self.pending if self.pending is not None and self.pending.shape[1] == 3 else None
 
     def many(
         self, factor: int, width: float, rng: np.random.Generator, slots: NDArray[np.intp] | None = None

@@ -43,7 +43,7 @@ def predict(particles: Particles, travel: Travel, noise: MotionNoise, rng: np.ra
     """
     if travel.time <= 0.0 or (travel.distance == 0.0 and travel.turn == 0.0):
         return
-    kernel = particles.pending if particles.pending is not None and particles.pending.shape[1] == 3 else None
+    kernel = particles.left_open
     if kernel is None:
         particles.settle(rng)
     state = particles.state

@@ -7,6 +7,9 @@ with that noise integrated out. The noise has two sources, distance and turn, so
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +17,40 @@ from slamcu_core.filter.ekf import apply, full, inverse, mahalanobis_square, pro
 from slamcu_core.filter.particles import Particles
 
 Array = NDArray[np.float64]
+
+
+@dataclass(slots=True)
+class PendingNoise:
+    """What measurements have told so far of the standard normal noise that is pending of M poses."""
+
+    mean: Array  # (K, M)
+    spread: Array  # (K, K, M), its covariance
+
+    @classmethod
+    def untold(cls, noises: int, count: int) -> PendingNoise:
+        """Return what is known of K noises of M poses before any measurement."""
+        spread = np.zeros((noises, noises, count))
+        spread[np.arange(noises), np.arange(noises)] = 1.0
+        return cls(np.zeros((noises, count)), spread)
+
+    def foresee(
+        self, by_noise: Array, innovation: Array, covariance: Array
+    ) -> tuple[Array, tuple[Array, Array, Array], Array]:
+        """Return the innovation (2, ..., M) of a measurement or several, its covariance, and that with the noise.
+
+        `by_noise` (2, K, ..., M) is the Jacobian, `innovation` and `covariance` (3, ..., M) are without the noise.
+        """
+        each = (None,) * (by_noise.ndim - 3)
+        nu = innovation - apply(by_noise, self.mean[:, *each])
+        across = product(self.spread[:, :, *each], transpose(by_noise))
+        (xx, xy), (_, yy) = product(by_noise, across)
+        return nu, (xx + covariance[0], xy + covariance[1], yy + covariance[2]), across
+
+    def learn(self, nu: Array, q: Sequence[Array] | Array, across: Array, taken: NDArray[np.bool_]) -> None:
+        """Condition on one measurement as it was foreseen, where it is `taken` (M,)."""
+        gain = product(across, full(inverse(q))) * taken
+        self.mean = self.mean + apply(gain, nu)
+        self.spread = self.spread - product(gain, transpose(across))
 
 
 def noise_jacobian(by_pose: Array, pending: Array) -> Array:
@@ -59,19 +96,11 @@ def condition(
     assert particles.pending is not None  # noqa: S101 - by_noise was made from it
     measurements, count = innovation.shape[1:]
     log_likelihood = np.empty((measurements, count))
-    noises = by_noise.shape[1]
-    mean, spread = np.zeros((noises, count)), np.zeros((noises, noises, count))
-    spread[np.arange(noises), np.arange(noises)] = 1.0
+    noise = PendingNoise.untold(by_noise.shape[1], count)
     for index in range(measurements):
-        h = by_noise[:, :, index]
-        nu = innovation[:, index] - apply(h, mean)
-        across = product(spread, transpose(h))
-        (q00, q01), (_, q11) = product(h, across)
-        q = q00 + covariance[0, index], q01 + covariance[1, index], q11 + covariance[2, index]
+        nu, q, across = noise.foresee(by_noise[:, :, index], innovation[:, index], covariance[:, index])
         square, determinant = mahalanobis_square(nu, q)
         log_likelihood[index] = -0.5 * square - np.log(2.0 * np.pi) - 0.5 * np.log(determinant)
-        gain = product(across, full(inverse(q))) * (square < gate)
-        mean = mean + apply(gain, nu)
-        spread = spread - product(gain, transpose(across))
-    particles.settle_conditioned(mean, spread, rng)
+        noise.learn(nu, q, across, square < gate)
+    particles.settle_conditioned(noise.mean, noise.spread, rng)
     return log_likelihood

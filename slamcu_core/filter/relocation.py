@@ -19,9 +19,7 @@ Index = NDArray[np.intp]
 
 _MOST = 1000  # sightings remembered
 _PAIRS = 200  # of things seen, looked for in the map, and ...
-_COMPARISONS = (
-    2_000_000  # ... of things seen with features in a search: it shall take no longer where they stand in crowds
-)
+_COMPARISONS = 2_000_000  # ... of them with features, so that a search takes no longer where things stand in crowds
 _TURN = 0.25  # rad, and
 _SHIFT_M = 0.5  # m: motions nearer than this are the same answer
 
