@@ -79,6 +79,7 @@ def explain(case: Case, salt: bytes, as_of: datetime) -> dict[str, Any]:
             for step in state.steps
         ],
         "policy": case.policy.to_document(),
+        "trust_version": None if case.policy.trusts is None else case.policy.trusts.version,
         "would_flip": would_flip(case, parts),
     }
 

@@ -248,6 +248,10 @@ class Explanation(BaseModel):
     contributions: list[Contribution]
     course: list[CourseStep] = Field(description="The newest informative contributions, folded one by one.")
     policy: dict[str, Any]
+    trust_version: int | None = Field(
+        description="Of the trust under which this was folded: the one in force when asked; `trust_version` of the "
+        "change is the one under which it was decided."
+    )
     would_flip: WouldFlip
 
 

@@ -146,6 +146,7 @@ async def test_a_change_is_explained_by_pseudonymous_contributions(
     last = first["evidence"]["course"][-1]
     assert last["weight_for"] == pytest.approx(first["weight_for"], abs=1e-12)
     assert last["standing"]
+    assert first["evidence"]["trust_version"] == first["trust_version"] == 0
     assert first["history"][0]["state"] == "confirmed"
     assert all(abs(part["position_residual_m"][0]) < 0.01 for part in first["evidence"]["contributions"])
     for document in (first, second):
