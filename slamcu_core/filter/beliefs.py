@@ -21,9 +21,6 @@ from slamcu_core.reports import MeasuredPosition
 Array = NDArray[np.float64]
 
 _LN_2 = float(np.log(2.0))
-_GONE = float(np.log(5.0))  # weight of misses that by themselves say that a thing is gone, with 0.8
-_FROM_AFAR = 3.0  # times that weight, at most, of sightings from so far away that they may be of another thing
-_ELSEWHERE = 4.61  # chi-square with 2 degrees of freedom at 90 %
 
 
 class Beliefs:
@@ -82,22 +79,6 @@ class Beliefs:
         along += self._parameters.pass_range_std**2
         common = along * x * x + across * y * y, (along - across) * x * y, along * y * y + across * x * x
         return np.asarray(covariance + common)
-
-    def saw_another(self, row: int) -> bool:
-        """Whether what a pass has seen of the map's feature at a row was something that stands beside it.
-
-        A sign that has moved by some metres is taken for the mapped one from afar, where ranges are vague, and from
-        near it is missed where the map has it. Then the pass has misses that matter and sightings that lie elsewhere.
-        """
-        table = self._table
-        f, a = float(table.pass_for[row]), float(table.pass_against[row])
-        if table.kind[row] != Kind.MAP or not table.detected[row] or a < _GONE or f > _FROM_AFAR * a:
-            return False
-        xy, covariance = self.place(row)
-        variance = self._map.features[int(table.source[row])].position_std_m ** 2
-        xx, cross, yy = inverse(covariance + np.array([variance, 0.0, variance])).tolist()
-        x, y = (xy - table.xy[row]).tolist()
-        return bool(xx * x * x + 2.0 * cross * x * y + yy * y * y > _ELSEWHERE)
 
     def position(self, row: int) -> MeasuredPosition:
         """Return the place of a row in geographic coordinates."""

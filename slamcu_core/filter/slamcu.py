@@ -13,6 +13,7 @@ from slamcu_core.drive import DetectionFrame, DriveHeader, GnssFix, ObjectFrame,
 from slamcu_core.errors import SlamcuError
 from slamcu_core.filter import existence
 from slamcu_core.filter.beliefs import Beliefs
+from slamcu_core.filter.beside import Beside
 from slamcu_core.filter.calibration import GnssBias, SensorCalibration
 from slamcu_core.filter.detectability import DetectionRate
 from slamcu_core.filter.detections import Seen, read_detections
@@ -105,6 +106,7 @@ class SlamcuFilter:
             names=self._names,
             parameters=self.parameters,
         )
+        self._beside = Beside(hd_map, self._table, self._beliefs, self._management)
         self._sensors = {sensor.id: self._install(SensorModel(sensor)) for sensor in header.sensors}
         self._monitor = HealthMonitor(
             self.parameters.detection_concentration, self.parameters.gate, self.parameters.unmapped_share
@@ -280,7 +282,12 @@ class SlamcuFilter:
         for row in self._management.end_passes(rows):
             seen = table.detected[row] or table.kind[row] == Kind.NEW
             place = self._beliefs.position(row) if seen else None
-            report = self._reporter.report(row, place, of_another=self._beliefs.saw_another(row))
+            beside = self._beside.weight(row)
+            if place is not None and beside and not self._beside.is_told(row):
+                reports.append(self._reporter.report_beside(row, place, beside))
+            report = self._reporter.report(row, place, beside=beside)
+            if self._beside.is_another(row):
+                report = None
             if table.kind[row] == Kind.WATCH:
                 table.slot[row] = -1
             if report is not None:

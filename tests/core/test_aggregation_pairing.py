@@ -27,8 +27,9 @@ def half(
     begun: tuple[float | None, float | None] = (None, 0.0),
     std_m: float = 0.3,
     heading_deg: float | None = None,
+    standing: bool = True,
 ) -> tuple[Half, np.ndarray]:
-    made = Half(key, (key,), feature_class, sign, value, std_m**2 * np.eye(2), begun, heading_deg)
+    made = Half(key, (key,), feature_class, sign, value, std_m**2 * np.eye(2), begun, heading_deg, standing)
     return made, np.array([x, y])
 
 
@@ -103,6 +104,16 @@ def test_another_class_has_another_radius() -> None:
     poles = {"feature_class": "pole", "sign": None, "value": None}
     assert paired([half("f", 0.0, **poles)], [half("c", 5.0, **poles)], policy)
     assert not paired([half("f", 0.0, **poles)], [half("c", 7.0, **poles)], policy)
+
+
+def test_what_stands_is_paired_before_what_one_car_has_seen_however_vaguely() -> None:
+    gone, sure = half("f", 0.0), half("sure", 3.0, std_m=0.2)
+    vague = half("vague", 4.0, std_m=3.0, standing=False)
+    assert paired([gone], [vague, sure]) == [Pairing("f", "sure", modified=False)]
+    # beside nothing that stands it is better than none
+    assert paired([gone], [vague]) == [Pairing("f", "vague", modified=False)]
+    nearly = half("nearly", 2.9, std_m=3.0, standing=False)
+    assert paired([nearly, gone], [sure]) == [Pairing("f", "sure", modified=False)]
 
 
 @given(st.integers(0, 10_000))

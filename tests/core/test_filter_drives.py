@@ -266,6 +266,49 @@ def test_what_a_pass_sees_beside_the_mapped_place_and_misses_there_is_no_evidenc
     assert all(told(100.0, seed, nearest=45.0).weight_for > 3.0 for seed in range(3))
 
 
+def test_a_sign_that_moved_by_a_few_metres_is_missed_in_its_place_and_found_in_another() -> None:
+    others = [(20.0 * n, 6.0 * (-1) ** n) for n in (1, 2, 3, 4, 6, 7, 8, 9, 10)]
+    around = [feature(n, *place) for n, place in enumerate(others, start=2)]
+    mapped = feature(1, 100.0, 6.0, sign="SPEED_LIMIT", value="130")
+
+    def told(x: float, seed: int, *more: MapFeature) -> tuple[list[PassReport], list[PassReport], list[PassReport]]:
+        def show(sign: int, distance: float, bearing: float, rng: np.random.Generator) -> Detection:
+            return seen(distance, bearing, rng, **({"sign": "SPEED_LIMIT", "value": "130"} if sign == 0 else {}))
+
+        _, reports = run([mapped, *around, *more], drive([(x, 6.0), *others], show=show, seed=seed), seed)
+        of_the_map = [r for r in reports if r.reference is not None and r.reference.object_id == 1]
+        return of_the_map, [r for r in reports if r.reference is None], [r for r in reports if _watched(r)]
+
+    def off(report: PassReport, x: float) -> float:
+        assert report.position is not None
+        return float(np.hypot(*(FRAME.to_local(report.position.lon, report.position.lat) - [x, 6.0])))
+
+    for seed in range(6):
+        (stays,), finds, _ = told(100.0, seed)
+        assert stays.status is DetectionStatus.EXPECTED_AND_DETECTED
+        assert finds == []
+    moved = [told(103.5, seed) for seed in range(6)]
+    found = [(missed, finds) for (missed,), finds, _ in moved if missed.weight_for == 0.0]
+    assert len(found) >= 4
+    for missed, (find,) in found:
+        assert missed.status is DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE
+        assert missed.weight_against > 2.0
+        assert (find.status, find.sign, find.value) == (
+            DetectionStatus.NOT_EXPECTED_AND_DETECTED, "SPEED_LIMIT", "130"
+        )  # fmt: skip
+        assert find.weight_for > 2.0
+        assert off(find, 103.5) < off(find, 100.0)
+    # who looks for a candidate there, and takes its sightings for the mapped sign, has nothing against it
+    watch = feature(7, 103.5, 6.0, sign="SPEED_LIMIT", value="130", tile_id=-5, position_std_m=0.4)
+    checked = [told(103.5, seed, watch) for seed in range(6)]
+    assert all(report.weight_for >= report.weight_against for _, _, reports in checked for report in reports)
+    assert all(missed.weight_for < missed.weight_against for (missed,), _, _ in checked)
+
+
+def _watched(report: PassReport) -> bool:
+    return report.reference is not None and report.reference.watched
+
+
 def test_equal_seeds_give_equal_drives_and_other_seeds_do_not() -> None:
     def outcome(seed: int) -> list[object]:
         car, reports = run([feature(1, 100.0, 6.0)], drive([(100.0, 6.0), (140.0, 7.0)]), seed=seed)

@@ -68,6 +68,7 @@ def _half(key: tuple[bool, int], belief: Belief) -> Half:
         covariance=covariances([belief.covariance_m2])[0],
         begun=tuple(None if time is None else time.timestamp() for time in belief.begun),  # type: ignore[arg-type]
         heading_deg=belief.heading_deg,
+        standing=belief.standing,
     )
 
 

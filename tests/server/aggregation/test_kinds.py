@@ -77,6 +77,16 @@ async def test_a_sign_moved_by_three_metres_is_one_change(
     assert await rebuild.differences(town.engine, town.policy) == []
 
 
+async def test_what_one_car_finds_vaguely_beside_it_does_not_take_the_old_place_from_a_sign_that_moved(
+    town: Any, reports: Any
+) -> None:
+    await moved(town, reports)
+    await drive(town, reports, "car-9", 9, reports.find(-8, 0, hours=9, sign="SPEED_LIMIT", std_m=4.0))
+    now = {change: (kind, state) for change, kind, state in await told(town)}
+    assert now == {1: ("moved", "confirmed"), 2: ("new", "candidate")}
+    assert await rebuild.differences(town.engine, town.policy) == []
+
+
 async def test_a_sign_that_says_something_else_is_modified(
     town: Any, reports: Any, client: httpx.AsyncClient, provider: Headers
 ) -> None:
