@@ -3,7 +3,7 @@
 from slamcu_core.aggregation.candidates import Clusters, cluster
 from slamcu_core.aggregation.columns import FoldedColumns, PassColumns, fold_columns
 from slamcu_core.aggregation.course import Course, Histories, discounted, fold_histories
-from slamcu_core.aggregation.decay import decayed, fades_at, kept_at
+from slamcu_core.aggregation.decay import decayed, fades_at, fades_each, kept_at
 from slamcu_core.aggregation.groups import connected_groups
 from slamcu_core.aggregation.law import (
     EPOCH_S,
@@ -19,7 +19,7 @@ from slamcu_core.aggregation.law import (
 )
 from slamcu_core.aggregation.pairing import Half, Pairing, pair
 from slamcu_core.aggregation.policy import ClassPolicy, Policy
-from slamcu_core.aggregation.position import FusedPosition, fuse_positions
+from slamcu_core.aggregation.position import FusedPosition, FusedPositions, fuse_positions, fuse_positions_each
 from slamcu_core.aggregation.record import (
     About,
     Tally,
@@ -44,6 +44,7 @@ __all__ = [
     "FoldedColumns",
     "FoldedState",
     "FusedPosition",
+    "FusedPositions",
     "Half",
     "Histories",
     "Pairing",
@@ -62,11 +63,13 @@ __all__ = [
     "decayed",
     "discounted",
     "fades_at",
+    "fades_each",
     "fold",
     "fold_columns",
     "fold_each",
     "fold_histories",
     "fuse_positions",
+    "fuse_positions_each",
     "has_record",
     "is_gated",
     "judge",

@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamcu_core.aggregation.policy import ClassPolicy
+from slamcu_core.aggregation.voices import Layout, Said, first_of, mahalanobis, symmetric
 from slamcu_core.errors import EvidenceError
 
 Array = NDArray[np.float64]
 
 _INDEPENDENT_SHARE = 0.1  # least part of a pass's variance that is its own: keeps W positive where Σ is below the floor
+_MANY = 3  # contributors from whom on one can be told to be wrong
 _LARGEST_CONDITION = 1e8  # ratio of axes beyond which a covariance is rounder than it says
 
 
@@ -30,6 +32,16 @@ class FusedPosition:
     covariance: Array  # (2, 2), m²
     inlier: NDArray[np.bool_]  # (N,), in the order of the observations
     contributors: int  # different contributors among the inliers
+
+
+@dataclass(frozen=True, slots=True)
+class FusedPositions:
+    """The fused places of T things, each in the frame of its observations."""
+
+    xy: Array  # (T, 2), m
+    covariance: Array  # (T, 2, 2), m²
+    inlier: NDArray[np.bool_]  # (N,), in the order of the observations
+    contributors: NDArray[np.intp]  # (T,)
 
 
 def fuse_positions(xy: ArrayLike, covariance: ArrayLike, contributor: ArrayLike, policy: ClassPolicy) -> FusedPosition:
@@ -48,26 +60,46 @@ def fuse_positions(xy: ArrayLike, covariance: ArrayLike, contributor: ArrayLike,
 
     Raises EvidenceError on wrong shapes, numbers that are not finite, or a covariance that is not positive definite.
     """
-    places, covariances, who = _checked(xy, covariance, contributor)
-    # a canonical order makes the result the same to the last bit whatever order the passes come in
-    order = np.lexsort((*covariances.reshape(-1, 4).T, *places.T, who))
-    places, own, who = places[order], own_covariance(covariances[order], policy), who[order]
-    _, who = np.unique(who, return_inverse=True)
-    common = policy.position_floor_m**2 * np.eye(2)
+    one = fuse_positions_each(xy, covariance, contributor, np.zeros(np.shape(contributor), np.intp), policy)
+    return FusedPosition(one.xy[0], one.covariance[0], one.inlier, int(one.contributors[0]))
 
-    inlier, agreed = np.ones(len(who), bool), False
-    if who.max() >= 2:
-        inlier, agreed = _consistent(places, own, who, common, policy.gate)
-    means, spreads, present = per_contributor(places[inlier], own[inlier], who[inlier], common)
-    centre, fused = information_mean(means, spreads)
-    if not agreed and present.size >= 2:
-        ratio = float(_mahalanobis(means - centre, spreads).sum()) / (2 * present.size - 2)
-        fused = fused * (ratio if 2.0 * ratio > policy.gate else 1.0)
+
+def fuse_positions_each(
+    xy: ArrayLike, covariance: ArrayLike, contributor: ArrayLike, thing: ArrayLike, policy: ClassPolicy
+) -> FusedPositions:
+    """Fuse the places of T things at once: for each what `fuse_positions` says of it alone.
+
+    Parameters
+    ----------
+    thing : (N,), which thing each pass is of, from 0 to T - 1; each has one.
+    """
+    places, covariances, who = _checked(xy, covariance, contributor)
+    of_thing = np.asarray(thing, np.intp)
+    # a canonical order makes the result the same to the last bit whatever order the passes come in
+    order = np.lexsort((*covariances.reshape(-1, 4).T, *places.T, who, of_thing))
+    of_thing, who = of_thing[order], who[order]
+    speaks = (np.diff(of_thing, prepend=-1) != 0) | (np.diff(who, prepend=who[0]) != 0)
+    common = policy.position_floor_m**2 * np.eye(2)
+    own = own_covariance(covariances[order], policy)
+    layout = Layout(places[order], own, common, np.cumsum(speaks) - 1, of_thing[speaks])
+
+    inlier, agreed = np.ones(len(who), bool), np.zeros(int(of_thing[-1]) + 1, bool)
+    disputed = np.bincount(layout.thing) >= _MANY
+    if disputed.any():
+        many, passes = layout.some(disputed)
+        inlier[passes], agreed[disputed] = _consistent(many, policy.gate)
+    said = layout.said(inlier)
+    count = _speaking(layout, inlier)
+    centre, fused = _information_mean(layout, said)
+    apart = np.where(said.present, mahalanobis(said.means - centre[layout.thing], said.spreads), 0.0)
+    ratio = np.add.reduceat(apart, first_of(layout.thing)) / np.maximum(2 * count - 2, 1)
+    grows = ~agreed & (count >= 2) & (2.0 * ratio > policy.gate)
+    fused = fused * np.where(grows, ratio, 1.0)[:, None, None]
     # each Σ has what all have wrong together in it, and the mean has divided it by their number: put it back
-    fused = fused + (1.0 - 1.0 / present.size) * policy.position_common_m**2 * np.eye(2)
+    fused = fused + (1.0 - 1.0 / count)[:, None, None] * policy.position_common_m**2 * np.eye(2)
     unsorted = np.empty_like(inlier)
     unsorted[order] = inlier
-    return FusedPosition(centre, fused, unsorted, int(present.size))
+    return FusedPositions(centre, fused, unsorted, count)
 
 
 def own_covariance(covariance: Array, policy: ClassPolicy) -> Array:
@@ -78,66 +110,86 @@ def own_covariance(covariance: Array, policy: ClassPolicy) -> Array:
     return np.asarray((axes * values[:, None, :]) @ axes.swapaxes(1, 2))
 
 
-def _consistent(
-    places: Array, own: Array, who: NDArray[np.intp], common: Array, gate: float
-) -> tuple[NDArray[np.bool_], bool]:
-    """Return (N,), which passes agree with what the other contributors say together, and whether any two do."""
-    total = own + common
-    means, spreads, _ = per_contributor(places, own, who, common)
+def _consistent(layout: Layout, gate: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which passes agree with what the other contributors say together, (N,), and of which things any two do.
+
+    The things (T,) have three contributors or more.
+    """
+    total, begins = layout.own + layout.common, first_of(layout.thing)
+    said = layout.said(np.ones(len(layout.voice), bool))
     # the voice that most others second starts it; every contributor has one, and none can shout
-    distance = _mahalanobis(means[:, None] - means, spreads[:, None] + spreads)
-    nearest_two = float(distance[~np.eye(len(means), dtype=bool)].min())
+    one, other = layout.pairs()
+    distance = mahalanobis(said.means[one] - said.means[other], said.spreads[one] + said.spreads[other])
+    of_pair = first_of(layout.thing[one])
+    nearest_two = np.minimum.reduceat(np.where(one == other, np.inf, distance), of_pair)
     agreed = nearest_two <= gate
-    gate = gate if agreed else nearest_two * (1.0 + 1e-9)
-    seed = int(np.minimum(distance, gate).sum(axis=1).argmin())
-    inlier = _mahalanobis(places - means[seed], total + spreads[seed]) <= gate
-    if np.unique(who[inlier]).size < 2:
-        return np.ones_like(inlier), False
-    seen: set[bytes] = set()
-    while inlier.tobytes() not in seen:
-        seen.add(inlier.tobytes())
-        means, spreads, present = per_contributor(places[inlier], own[inlier], who[inlier], common)
-        information = np.linalg.inv(spreads)
-        vector = np.einsum("cij,cj->ci", information, means)
-        # leave each pass's own contributor out: nobody is measured against himself
-        mine = who[:, None] == present
-        rest = information.sum(axis=0) - np.einsum("nc,cij->nij", mine, information)
-        others = np.linalg.inv(rest)
-        centres = np.einsum("nij,nj->ni", others, vector.sum(axis=0) - mine @ vector)
-        near = _mahalanobis(places - centres, total + others) <= gate
-        if np.unique(who[near]).size < 2:
-            return inlier, False
-        inlier = near
+    gates = np.where(agreed, gate, nearest_two * (1.0 + 1e-9))
+    # of two who have but each other the first is meant, and not whom the rounding favours
+    dissent = np.add.reduceat(np.minimum(distance / gates[layout.thing[one]], 1.0), first_of(one)).round(11)
+    seed = np.lexsort((dissent, layout.thing))[begins][layout.thing_of_pass]
+    shift = layout.places - said.means[seed]
+    inlier = mahalanobis(shift, total + said.spreads[seed]) <= gates[layout.thing_of_pass]
+
+    alone = _speaking(layout, inlier) < 2
+    agreed &= ~alone
+    inlier |= alone[layout.thing_of_pass]
+    _settle(layout, inlier, agreed, gates, at_work=~alone)
     return inlier, agreed
 
 
-def per_contributor(
-    places: Array, own: Array, who: NDArray[np.intp], common: Array
-) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Return each contributor's mean (C, 2), its covariance (C, 2, 2) with the common bias, and who they are (C,)."""
-    present, index = np.unique(who, return_inverse=True)
-    weights = np.linalg.inv(own)
-    information = np.zeros((present.size, 2, 2))
-    vector = np.zeros((present.size, 2))
-    np.add.at(information, index, weights)
-    np.add.at(vector, index, np.einsum("nij,nj->ni", weights, places))
-    inverse = np.asarray(np.linalg.inv(information), float)
-    return np.einsum("cij,cj->ci", inverse, vector), _symmetric(inverse) + common, present
+def _settle(
+    layout: Layout,
+    inlier: NDArray[np.bool_],
+    agreed: NDArray[np.bool_],
+    gates: Array,
+    *,
+    at_work: NDArray[np.bool_],
+) -> None:
+    """Gate each pass of some things against what the others say, until nothing changes, and write who agrees."""
+    seen: dict[int, set[bytes]] = {number: set() for number in np.flatnonzero(at_work).tolist()}
+    while at_work.any():
+        part, passes = layout.some(at_work)
+        now, numbers = inlier[passes], np.flatnonzero(at_work)
+        near = _near(part, now, gates[at_work])
+        too_few = _speaking(part, near) < 2
+        agreed[numbers[too_few]] = False
+        kept = np.where(too_few[part.thing_of_pass], now, near)
+        inlier[passes] = kept
+        done = too_few
+        ends = [*first_of(part.thing_of_pass).tolist(), len(kept)]
+        for index, number in enumerate(numbers.tolist()):
+            begin, end = ends[index], ends[index + 1]
+            seen[number].add(now[begin:end].tobytes())
+            done[index] |= kept[begin:end].tobytes() in seen[number]
+        at_work = at_work.copy()
+        at_work[numbers[done]] = False
 
 
-def information_mean(means: Array, spreads: Array) -> tuple[Array, Array]:
-    """Return the information-weighted mean (2,) of means (C, 2) with covariances (C, 2, 2), and its covariance."""
-    information = np.linalg.inv(spreads)
-    covariance = _symmetric(np.linalg.inv(information.sum(axis=0)))
-    return covariance @ np.einsum("cij,cj->i", information, means), covariance
+def _near(layout: Layout, inlier: NDArray[np.bool_], gates: Array) -> NDArray[np.bool_]:
+    """Return (N,), which passes are near what the contributors other than their own say with those that agree."""
+    said, begins = layout.said(inlier), first_of(layout.thing)
+    information = np.linalg.inv(said.spreads) * said.present[:, None, None]
+    vector = np.einsum("vij,vj->vi", information, said.means)
+    # leave each pass's own contributor out: nobody is measured against himself
+    rest = np.add.reduceat(information, begins)[layout.thing] - information
+    others = np.linalg.inv(rest)
+    centres = np.einsum("vij,vj->vi", others, np.add.reduceat(vector, begins)[layout.thing] - vector)
+    spreads = layout.own + layout.common + others[layout.voice]
+    return np.asarray(mahalanobis(layout.places - centres[layout.voice], spreads) <= gates[layout.thing_of_pass])
 
 
-def _mahalanobis(difference: Array, covariance: Array) -> Array:
-    return np.asarray(np.einsum("...i,...ij,...j->...", difference, np.linalg.inv(covariance), difference))
+def _speaking(layout: Layout, inlier: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return (T,), how many contributors have a pass that agrees."""
+    heard = np.logical_or.reduceat(inlier, first_of(layout.voice))
+    return np.add.reduceat(heard.astype(np.intp), first_of(layout.thing))
 
 
-def _symmetric(matrix: Array) -> Array:
-    return np.asarray(0.5 * (matrix + matrix.swapaxes(-1, -2)))
+def _information_mean(layout: Layout, said: Said) -> tuple[Array, Array]:
+    """Return the information-weighted means (T, 2) of what is said of things, and their covariances (T, 2, 2)."""
+    information, begins = np.linalg.inv(said.spreads) * said.present[:, None, None], first_of(layout.thing)
+    covariance = symmetric(np.linalg.inv(np.add.reduceat(information, begins)))
+    vector = np.add.reduceat(np.einsum("vij,vj->vi", information, said.means), begins)
+    return np.einsum("tij,tj->ti", covariance, vector), covariance
 
 
 def _checked(xy: ArrayLike, covariance: ArrayLike, contributor: ArrayLike) -> tuple[Array, Array, NDArray[np.int64]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -41,8 +42,8 @@ class LocalFrame:
 
     lon: float
     lat: float
-    _origin: Array = field(init=False, repr=False, compare=False)
-    _axes: Array = field(init=False, repr=False, compare=False)
+    origin: Array = field(init=False, repr=False, compare=False)  # earth-centred, m
+    axes: Array = field(init=False, repr=False, compare=False)  # rows: east, north, up
 
     def __post_init__(self) -> None:
         lon, lat = np.deg2rad(self.lon), np.deg2rad(self.lat)
@@ -53,13 +54,13 @@ class LocalFrame:
                 [np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)],
             ]
         )
-        object.__setattr__(self, "_origin", _ecef(np.asarray(lon), np.asarray(lat)))
-        object.__setattr__(self, "_axes", axes)
+        object.__setattr__(self, "origin", _ecef(np.asarray(lon), np.asarray(lat)))
+        object.__setattr__(self, "axes", axes)
 
     def to_local(self, lon: ArrayLike, lat: ArrayLike) -> Array:
         """Project longitudes and latitudes in degrees, shape (...), to metres east and north, shape (..., 2)."""
-        points = _ecef(np.deg2rad(np.asarray(lon, float)), np.deg2rad(np.asarray(lat, float))) - self._origin
-        return np.asarray(points @ self._axes[:2].T)
+        points = _ecef(np.deg2rad(np.asarray(lon, float)), np.deg2rad(np.asarray(lat, float))) - self.origin
+        return np.asarray(points @ self.axes[:2].T)
 
     def to_geographic(self, xy: ArrayLike) -> tuple[Array, Array]:
         """Lift metres east and north, shape (..., 2), to longitude and latitude in degrees, each of shape (...)."""
@@ -95,3 +96,11 @@ class LocalFrame:
             if abs(error_x) + abs(error_y) < 1e-9:
                 break
         return np.asarray(math.degrees(lon0 + turn)), np.asarray(math.degrees(lat))
+
+
+def to_local_each(frames: Sequence[LocalFrame], which: ArrayLike, lon: ArrayLike, lat: ArrayLike) -> Array:
+    """Project N places in degrees, each to the frame of its number, to metres east and north, shape (N, 2)."""
+    number = np.asarray(which, np.intp)
+    origins, axes = np.array([one.origin for one in frames]), np.array([one.axes for one in frames])
+    points = _ecef(np.deg2rad(np.asarray(lon, float)), np.deg2rad(np.asarray(lat, float)))
+    return np.asarray(np.einsum("nij,nj->ni", axes[number, :2], points - origins[number]))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from slamcu_core.aggregation import ClassPolicy, fuse_positions
+from slamcu_core.aggregation import ClassPolicy, fuse_positions, fuse_positions_each
 from slamcu_core.errors import EvidenceError
 
 POLICY = ClassPolicy()
@@ -171,3 +171,30 @@ def test_positions_that_are_none_are_refused(
 ) -> None:
     with pytest.raises(EvidenceError, match=complaint):
         fuse_positions(xy, covariance, contributor, POLICY)  # type: ignore[arg-type]  # wrong on purpose
+
+
+def test_many_things_are_fused_as_each_alone() -> None:
+    rng = np.random.default_rng(8)
+    drawn = []
+    for cars in rng.integers(1, 9, 60).tolist():
+        xy, covariance, who = _passes(rng, cars, 2, wrong=int(rng.integers(0, 2)))
+        some = rng.permutation(who.size)[: int(rng.integers(1, who.size + 1))]
+        drawn.append((xy[some] * rng.choice([1.0, 20.0]), covariance[some], who[some]))
+    sizes = [len(who) for _, _, who in drawn]
+    columns = [np.concatenate(parts) for parts in zip(*drawn, strict=True)]
+    mixed = rng.permutation(sum(sizes))
+    thing = np.repeat(np.arange(len(drawn)), sizes)[mixed]
+    each = fuse_positions_each(*(column[mixed] for column in columns), thing, POLICY)
+    for number, (xy, covariance, who) in enumerate(drawn):
+        alone = fuse_positions(xy, covariance, who, POLICY)
+        assert each.xy[number].tolist() == alone.xy.tolist()
+        assert each.covariance[number].tolist() == alone.covariance.tolist()
+        assert each.contributors[number] == alone.contributors
+        assert np.count_nonzero(each.inlier[thing == number]) == np.count_nonzero(alone.inlier)
+
+
+def test_of_two_pairs_of_strangers_the_first_is_kept_wherever_they_are() -> None:
+    xy = np.array([[0.0, 0.0], [9.0, 0.0], [0.0, 500.0], [9.0, 500.0]])
+    for shift in (0.0, 1.0 / 3.0, 1234.5678):
+        fused = fuse_positions(xy + shift, np.tile(0.25 * np.eye(2), (4, 1, 1)), [1, 2, 3, 4], POLICY)
+        assert fused.inlier.tolist() == [True, True, False, False]

@@ -16,12 +16,12 @@ from slamcu_core.aggregation import (
     FoldedState,
     Side,
     contributions_each,
-    fades_at,
+    fades_each,
     fold_each,
-    fuse_positions,
+    fuse_positions_each,
 )
 from slamcu_core.evidence import masses_from_weights
-from slamcu_core.geometry import LocalFrame
+from slamcu_core.geometry import LocalFrame, to_local_each
 from slamcu_server.aggregation.cells import Cell, cell_at
 from slamcu_server.aggregation.passes import StoredPass
 
@@ -95,16 +95,18 @@ def summarize(
         policy=policy,
         side=side,
     )
+    fading = _fades_at(states, policy, side)
     return [
-        _summary(mine, state, policy, side, may_expire=may_expire) for mine, state in zip(ordered, states, strict=True)
+        _summary(mine, state, faded, policy, may_expire=may_expire)
+        for mine, state, faded in zip(ordered, states, fading, strict=True)
     ]
 
 
 def _summary(
     ordered: Sequence[StoredPass],
     state: FoldedState,
+    fading: float | None,
     policy: ClassPolicy,
-    side: Side,
     *,
     may_expire: Callable[[StoredPass], bool],
 ) -> Summary:
@@ -128,20 +130,25 @@ def _summary(
         first_seen=kept_seen[0].ended_at if kept_seen else None,
         last_seen=kept_seen[-1].ended_at if kept_seen else None,
         last_looked=looked[-1].ended_at if looked else None,
-        fades_at=moment(_fades_at(state, policy, side)),
+        fades_at=moment(fading),
         expired=tuple(sorted(expired)),
         forgotten_looked=sum(item.id in expired for item in looked),
         forgotten_blocked=sum(item.id in expired for item in blocked),
     )
 
 
-def _fades_at(state: FoldedState, policy: ClassPolicy, side: Side) -> float | None:
-    if state.standing:
-        return fades_at(state, policy, side, policy.leave)
-    exists, not_exists, _ = masses_from_weights(state.weight_for, state.weight_against)
-    if float(exists if side is Side.NEW else not_exists) < policy.closing_mass:
-        return None
-    return fades_at(state, policy, side, policy.closing_mass)
+def _fades_at(states: Sequence[FoldedState], policy: ClassPolicy, side: Side) -> list[float | None]:
+    """Return when each state stands, or is spoken of, no longer if no news comes; None for one that is not."""
+    exists, not_exists, _ = masses_from_weights(
+        [state.weight_for for state in states], [state.weight_against for state in states]
+    )
+    speaks = (exists if side is Side.NEW else not_exists) >= policy.closing_mass
+    levels = [policy.leave if state.standing else policy.closing_mass for state in states]
+    told = fades_each(states, policy, side, levels)
+    return [
+        when if state.standing or speaking else None
+        for state, when, speaking in zip(states, told, speaks.tolist(), strict=True)
+    ]
 
 
 def fuse_place(passes: Iterable[StoredPass], policy: ClassPolicy) -> Place:
@@ -149,24 +156,33 @@ def fuse_place(passes: Iterable[StoredPass], policy: ClassPolicy) -> Place:
 
     Raises ValueError if no pass saw it at a place.
     """
-    seen = [
-        (item, item.place)
-        for item in sorted(passes, key=lambda item: item.order)
-        if item.counts and item.found and item.place is not None
-    ]
-    places = [place for _, place in seen]
-    if not places:
+    return fuse_places([passes], policy)[0]
+
+
+def fuse_places(things: Sequence[Iterable[StoredPass]], policy: ClassPolicy) -> list[Place]:
+    """Fuse the places where passes saw each of some candidates of one class: `fuse_place` of each."""
+    if not things:
+        return []
+    seen = [[item for item in passes if item.counts and item.found and item.place is not None] for passes in things]
+    if not all(seen):
         raise ValueError("no pass saw it at a place")
-    frame = frame_at(places[0][0], places[0][1])
-    fused = fuse_positions(
-        frame.to_local([place[0] for place in places], [place[1] for place in places]),
+    firsts = [min(mine, key=lambda item: item.order).place for mine in seen]
+    frames = [frame_at(place[0], place[1]) for place in firsts if place is not None]
+    places = [item.place for mine in seen for item in mine if item.place is not None]
+    of_thing = np.repeat(np.arange(len(seen)), [len(mine) for mine in seen])
+    fused = fuse_positions_each(
+        to_local_each(frames, of_thing, [place[0] for place in places], [place[1] for place in places]),
         covariances([place[2] for place in places]),
-        np.array([item.contributor for item, _ in seen]),
+        np.array([item.contributor for mine in seen for item in mine]),
+        of_thing,
         policy,
     )
-    lon, lat = frame.to_geographic(fused.xy)
-    (xx, xy), (_, yy) = fused.covariance.tolist()
-    return Place(float(lon), float(lat), (xx, xy, yy))
+    made: list[Place] = []
+    for frame, at, covariance in zip(frames, fused.xy, fused.covariance.tolist(), strict=True):
+        lon, lat = frame.to_geographic(at)
+        (xx, xy), (_, yy) = covariance
+        made.append(Place(float(lon), float(lat), (xx, xy, yy)))
+    return made
 
 
 def frame_at(lon: float, lat: float) -> LocalFrame:

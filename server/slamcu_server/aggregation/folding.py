@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from slamcu_core.aggregation import Policy, Side
 from slamcu_core.evidence import support
-from slamcu_server.aggregation.evidence import Place, Summary, fuse_place, prevailing, summarize
+from slamcu_server.aggregation.evidence import Place, Summary, fuse_places, prevailing, summarize
 from slamcu_server.aggregation.membership import Membership, assign, group_by_reach
 from slamcu_server.aggregation.passes import StoredPass
 from slamcu_server.aggregation.reads import MappedFeature
@@ -72,21 +72,23 @@ def fold_candidates(
         for item in parts.memberships
     ]
     classes = [item.founder.feature_class for item in parts.memberships]
-    summaries: dict[int, Summary] = {}
+    folds: dict[int, CandidateFold] = {}
     for name in sorted(set(classes)):
-        mine = [number for number, each in enumerate(classes) if each == name]
-        made = summarize(
-            [passes[number] for number in mine], policy.for_class(name), Side.NEW, may_expire=_named_a_watch_feature
+        numbers = [number for number, each in enumerate(classes) if each == name]
+        rules = policy.for_class(name)
+        summaries = summarize(
+            [passes[number] for number in numbers], rules, Side.NEW, may_expire=_named_a_watch_feature
         )
-        summaries.update(zip(mine, made, strict=True))
-    folds: list[CandidateFold] = []
-    for number, item in enumerate(parts.memberships):
-        summary, gone = summaries[number], frozenset(summaries[number].expired)
-        kept = tuple(one for one in passes[number] if one.id not in gone)
-        sign, value = prevailing(kept)
-        place = fuse_place(kept, policy.for_class(classes[number]))
-        folds.append(CandidateFold(item, kept, summary, place, sign, value))
-    return folds
+        kept = [
+            tuple(one for one in passes[number] if one.id not in gone)
+            for number, gone in (
+                (number, frozenset(each.expired)) for number, each in zip(numbers, summaries, strict=True)
+            )
+        ]
+        places = fuse_places(kept, rules)
+        for number, mine, summary, place in zip(numbers, kept, summaries, places, strict=True):
+            folds[number] = CandidateFold(parts.memberships[number], mine, summary, place, *prevailing(mine))
+    return [folds[number] for number in range(len(classes))]
 
 
 def fold_features(

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from slamcu_core.aggregation import ClassPolicy, Half, Policy, pair
+from slamcu_core.aggregation import Half, Policy, pair
 from slamcu_server.aggregation import reads
 from slamcu_server.aggregation.bulk import arrays, unnest
 from slamcu_server.aggregation.evidence import covariances, frame_at
-from slamcu_server.changes.belief import Belief, Kind, Pair, Subject
+from slamcu_server.changes.belief import Belief, Kind, Pair, Subject, masses
 
 Held = Mapping[int, tuple[Subject, Belief]]
 Place = tuple[int, float, float]  # map id, lon, lat
@@ -26,35 +26,54 @@ Place = tuple[int, float, float]  # map id, lon, lat
 _PLACE_TYPES = {"map_id": "bigint", "lon": "float8", "lat": "float8"}
 
 
-def may_pair(belief: Belief, rules: ClassPolicy) -> bool:
-    """Whether a belief is strong enough to be half of a change: from where a change would be spoken of."""
-    return belief.standing or belief.mass >= rules.opening_mass
+def strong(held: Held, policy: Policy) -> dict[int, Place]:
+    """Return the places of the beliefs that may be halves of a change: from where one would be spoken of."""
+    beliefs = [belief for _, belief in held.values()]
+    return {
+        key: (subject.map_id, belief.lon, belief.lat)
+        for (key, (subject, belief)), mass in zip(held.items(), masses(beliefs), strict=True)
+        if belief.standing or mass >= policy.for_class(belief.feature_class).opening_mass
+    }
 
 
 def pair_beliefs(features: Held, candidates: Held, policy: Policy) -> tuple[Pair, ...]:
     """Return which features and candidates are one change."""
-    places: dict[tuple[bool, int], tuple[int, float, float]] = {}
-
-    def halves(held: Held, *, mapped: bool) -> list[Half]:
-        made = []
-        for key in sorted(held):
-            subject, belief = held[key]
-            if may_pair(belief, policy.for_class(belief.feature_class)):
-                places[mapped, key] = (subject.map_id, belief.lon, belief.lat)
-                made.append(_half((mapped, key), belief))
-        return made
+    reach = reads.degrees(policy.lock_reach_m)
+    deleted, new = _near(strong(features, policy), strong(candidates, policy), reach)
 
     def difference(feature: Half, candidate: Half) -> NDArray[np.float64] | None:
-        one, other = places[feature.key], places[candidate.key]  # type: ignore[index]  # the keys made above
-        if one[0] != other[0] or abs(one[2] - other[2]) > reads.degrees(policy.lock_reach_m):
+        one, other = deleted[feature.key[1]], new[candidate.key[1]]  # type: ignore[index]  # the keys made below
+        if one[0] != other[0] or abs(one[2] - other[2]) > reach:
             return None
         frame = frame_at(one[1], one[2])
         return np.asarray(frame.to_local(other[1], other[2]) - frame.to_local(one[1], one[2]))
 
-    found = pair(halves(features, mapped=True), halves(candidates, mapped=False), difference, policy)
+    found = pair(
+        [_half((True, key), features[key][1]) for key in sorted(deleted)],
+        [_half((False, key), candidates[key][1]) for key in sorted(new)],
+        difference,
+        policy,
+    )
     return tuple(
         Pair(Kind.MODIFIED if one.modified else Kind.MOVED, one.feature[1], one.candidate[1])  # type: ignore[index]
         for one in found
+    )
+
+
+def _near(
+    some: Mapping[int, Place], others: Mapping[int, Place], reach_deg: float
+) -> tuple[dict[int, Place], dict[int, Place]]:
+    """Return of each those that have one of the other near, in latitude and longitude."""
+    if not (some and others):
+        return {}, {}
+    one, other = np.array([*some.values()], float)[:, None], np.array([*others.values()], float)
+    width = reach_deg / np.maximum(np.cos(np.radians(one[..., 2])), 0.0017)
+    east = np.abs(one[..., 1] - other[:, 1])
+    near = (one[..., 0] == other[:, 0]) & (np.abs(one[..., 2] - other[:, 2]) <= reach_deg)
+    near &= np.minimum(east, 360.0 - east) <= 1.01 * width
+    return (
+        {key: place for (key, place), kept in zip(some.items(), near.any(axis=1).tolist(), strict=True) if kept},
+        {key: place for (key, place), kept in zip(others.items(), near.any(axis=0).tolist(), strict=True) if kept},
     )
 
 
@@ -70,15 +89,6 @@ def _half(key: tuple[bool, int], belief: Belief) -> Half:
         heading_deg=belief.heading_deg,
         standing=belief.standing,
     )
-
-
-def strong(held: Held, policy: Policy) -> list[Place]:
-    """Return the places of the beliefs that may be halves of a change."""
-    return [
-        (subject.map_id, belief.lon, belief.lat)
-        for subject, belief in held.values()
-        if may_pair(belief, policy.for_class(belief.feature_class))
-    ]
 
 
 async def stored_partners(

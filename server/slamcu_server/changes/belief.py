@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from slamcu_core.evidence import masses_from_weights
 
@@ -98,13 +101,22 @@ class Belief:
     @property
     def mass(self) -> float:
         """The mass that speaks for the change, as of the last informative contribution."""
-        exists, not_exists, _ = masses_from_weights(self.weight_for, self.weight_against)
-        return float(exists if self.kind is Kind.NEW else not_exists)
+        return masses([self])[0]
 
     @property
     def first_evidence(self) -> datetime | None:
         """When somebody first saw that the map is wrong, as far as it is still known."""
         return self.begun[1]
+
+
+def masses(beliefs: Sequence[Belief], kept: ArrayLike = 1.0) -> list[float]:
+    """Return the mass that speaks for each change, of what is left of its weights: `kept` in [0, 1] of each."""
+    left = np.broadcast_to(np.asarray(kept, float), (len(beliefs),))
+    exists, not_exists, _ = masses_from_weights(
+        left * [one.weight_for for one in beliefs], left * [one.weight_against for one in beliefs]
+    )
+    found: list[float] = np.where([one.kind is Kind.NEW for one in beliefs], exists, not_exists).tolist()
+    return found
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from slamcu_core.aggregation import ClassPolicy, Policy, kept_at
-from slamcu_core.evidence import masses_from_weights
-from slamcu_server.changes.belief import DENIED, Belief, Beliefs, Kind, Pair, State, Subject
+from slamcu_server.changes.belief import DENIED, Belief, Beliefs, Kind, Pair, State, masses
 from slamcu_server.changes.transitions import Claim, Published, Voice
 
 
@@ -30,8 +29,12 @@ def read(beliefs: Beliefs, policy: Policy, as_of: Mapping[int, datetime]) -> Voi
     """Read beliefs as of a time of each map: what nobody has looked at for long has faded."""
     features: dict[int, Voice] = {}
     candidates: dict[int, Voice] = {}
-    for subject, belief in beliefs.about:
-        voice = _voice(subject, belief, policy.for_class(belief.feature_class), as_of.get(subject.map_id))
+    held = [belief for _, belief in beliefs.about]
+    now = [as_of.get(subject.map_id) for subject, _ in beliefs.about]
+    kept = [_kept(belief, at, policy) for belief, at in zip(held, now, strict=True)]
+    for (subject, belief), mass, at in zip(beliefs.about, masses(held, kept), now, strict=True):
+        faded = at is not None and belief.fades_at is not None and at >= belief.fades_at
+        voice = Voice(subject, belief, belief.standing and not faded, mass, faded=faded)
         if subject.feature_id is not None:
             features[subject.feature_id] = voice
         elif subject.candidate_id is not None:
@@ -39,14 +42,12 @@ def read(beliefs: Beliefs, policy: Policy, as_of: Mapping[int, datetime]) -> Voi
     return Voices(features, candidates)
 
 
-def _voice(subject: Subject, belief: Belief, rules: ClassPolicy, as_of: datetime | None) -> Voice:
-    kept = 1.0
-    if as_of is not None and belief.last_informative is not None:
-        kept = kept_at(belief.last_informative.timestamp(), as_of.timestamp(), rules)
-    exists, not_exists, _ = masses_from_weights(kept * belief.weight_for, kept * belief.weight_against)
-    faded = as_of is not None and belief.fades_at is not None and as_of >= belief.fades_at
-    mass = float(exists if belief.kind is Kind.NEW else not_exists)
-    return Voice(subject, belief, belief.standing and not faded, mass, faded=faded)
+def _kept(belief: Belief, as_of: datetime | None, policy: Policy) -> float:
+    """Return what time has left of a belief."""
+    if as_of is None or belief.last_informative is None:
+        return 1.0
+    rules = policy.for_class(belief.feature_class)
+    return kept_at(belief.last_informative.timestamp(), as_of.timestamp(), rules)
 
 
 def claims(voices: Voices, pairs: Iterable[Pair], known: Sequence[Published], policy: Policy) -> list[Claim]:

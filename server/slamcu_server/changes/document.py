@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from slamcu_core.evidence import conflict, masses_from_weights
 from slamcu_server.changes.belief import Belief, Kind
@@ -24,11 +23,14 @@ def ellipse95(covariance_m2: tuple[float, float, float]) -> dict[str, float]:
     Semi-axes are in metres, the orientation is the compass direction of the longer one in [0, 180) degrees.
     """
     xx, xy, yy = covariance_m2
-    values, vectors = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
-    east, north = vectors[:, 1]
-    minor, major = np.sqrt(np.maximum(values, 0.0) * _CHI2_95_2DOF)
-    orientation = float(np.rad2deg(np.arctan2(east, north))) % 180.0
-    return {"semi_major_m": float(major), "semi_minor_m": float(minor), "orientation_deg": orientation}
+    mean, half = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+    # the angle from east to the longer axis; a circle has none, and north is as good as any
+    angle = 90.0 - math.degrees(0.5 * math.atan2(2.0 * xy, xx - yy)) if half > 0.0 else 0.0
+    return {
+        "semi_major_m": math.sqrt((mean + half) * _CHI2_95_2DOF),
+        "semi_minor_m": math.sqrt(max(mean - half, 0.0) * _CHI2_95_2DOF),
+        "orientation_deg": angle % 180.0,
+    }
 
 
 def evidence(weight_for: float, weight_against: float) -> dict[str, float]:
