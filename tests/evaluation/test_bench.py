@@ -82,8 +82,10 @@ def test_a_history_that_is_filled_in_is_what_passes_would_have_left() -> None:
             passes = await reads.passes_over_features(connection, None)
             features = await reads.windowed_features(connection, dict.fromkeys(passes, 0))
         await engine.dispose()
-        stored = [sorted(windows.unpack([each.window or b""]).tolist()) for each in features]
-        return stored, [sorted(windows.pack(passes[each.id]).tolist()) for each in features]
+        ends = features.window_bytes.cumsum().tolist()
+        packed = [features.windows[begin:end] for begin, end in zip([0, *ends[:-1]], ends, strict=True)]
+        stored = [sorted(windows.unpack(each).tolist()) for each in packed]
+        return stored, [sorted(windows.pack(passes[key]).tolist()) for key in features.id.tolist()]
 
     with bench_cluster() as cluster:
         stored, wanted = asyncio.run(windows_of(cluster))

@@ -20,8 +20,9 @@ from sqlalchemy.ext.asyncio import AsyncEngine
 from slamcu_core.formats import write_hd_map
 from slamcu_core.hd_map import MapIdentity
 from slamcu_core.reports import MapReference, ReportMessage
-from slamcu_core.sensoris import encode_batch, join_batch, serialize_message, to_json
+from slamcu_core.sensoris import decode_message, encode_batch, join_batch, serialize_message, to_json
 from slamcu_server.accounts.schemas import IssuedKey
+from slamcu_server.aggregation.condensed import condense
 from slamcu_server.ingest.schemas import EXAMPLE_BATCH
 from slamcu_server.maps.importer import import_map
 
@@ -69,6 +70,11 @@ async def test_a_batch_is_logged_as_it_was_sent(sender: Sender, engine: AsyncEng
     assert {(session, number): body for _, session, number, body in stored} == {
         ("drive", report.message_id): serialize_message(report) for report in reports
     }
+    async with engine.connect() as connection:
+        rows = await connection.execute(text("SELECT message_id, condensed FROM messages"))
+        assert {number: bytes(form) for number, form in rows} == {
+            report.message_id: condense(decode_message(serialize_message(report))) for report in reports
+        }
 
 
 async def test_the_same_again_is_a_duplicate(sender: Sender, engine: AsyncEngine, make_report: MakeReport) -> None:

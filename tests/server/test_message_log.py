@@ -11,7 +11,7 @@ import pytest
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncEngine
 
-from slamcu_server.aggregation.resolve import ClaimedMessage
+from slamcu_server.aggregation.log import ClaimedMessage
 from slamcu_server.ingest.message_log import LogEntry, MessageLog, Outcome, PostgresMessageLog
 
 pytestmark = pytest.mark.anyio

@@ -13,6 +13,7 @@ import numpy as np
 from slamcu_core.sensoris import serialize_message
 from slamcu_eval.bench.traffic import MAP, ROAD_SQL, Traffic, stretch_at
 from slamcu_server.aggregation.cells import region_at
+from slamcu_server.aggregation.condensed import condense
 from slamcu_server.aggregation.log import CHANNEL
 from slamcu_server.aggregation.windows import COUNTS, FOUND
 from slamcu_server.database import migrate
@@ -21,9 +22,11 @@ from slamcu_server.database.engine import create_engine
 
 VEHICLES = 200
 
-_INSERT = """
-INSERT INTO messages (account_id, session_id, message_id, sha256, body, region)
-SELECT new.* FROM unnest($1::bigint[], $2::text[], $3::bigint[], $4::bytea[], $5::bytea[], $6::bigint[]) AS new"""
+INSERT = """
+INSERT INTO messages (account_id, session_id, message_id, sha256, body, region, condensed)
+SELECT new.* FROM unnest($1::bigint[], $2::text[], $3::bigint[], $4::bytea[], $5::bytea[], $6::bigint[], $7::bytea[])
+    AS new"""
+"""Messages, as the ingest logs them."""
 # What a fleet has reported before: one pass of each feature after the other, some by every vehicle, seen by nearly all.
 # The beliefs beside the windows are placeholders until a pass is added: nothing but the windows is folded.
 _HISTORY = f"""
@@ -99,13 +102,13 @@ class Cloud:
         bodies, passes = await self.bodies(connection, messages)
         columns = list(zip(*bodies, strict=True))
         async with connection.transaction():
-            await connection.execute(_INSERT, *columns)
+            await connection.execute(INSERT, *columns)
             await connection.execute("SELECT pg_notify($1, '')", CHANNEL)
         return passes
 
     async def bodies(
         self, connection: asyncpg.Connection[Any], messages: int
-    ) -> tuple[list[tuple[int, str, int, bytes, bytes, int]], int]:
+    ) -> tuple[list[tuple[int, str, int, bytes, bytes, int, bytes]], int]:
         """Return messages as rows of the log, and how many passes they hold; cars know the watch features there are."""
         rows = await connection.fetch(
             "SELECT id, ST_X(geom) AS lon, ST_Y(geom) AS lat FROM candidates "
@@ -113,7 +116,7 @@ class Cloud:
         )
         watched = {stretch_at(row["lon"], row["lat"]): row["id"] for row in rows if _beside_road(row["lon"])}
         traffic, rng = Traffic(self.features, watched), np.random.default_rng((self.seed, self._drives))
-        made: list[tuple[int, str, int, bytes, bytes, int]] = []
+        made: list[tuple[int, str, int, bytes, bytes, int, bytes]] = []
         passes = 0
         for number in range(messages):
             vehicle = number % len(self.accounts)
@@ -121,7 +124,8 @@ class Cloud:
                 body = serialize_message(report)
                 session = f"drive-{self._drives}-{number}"
                 region = next(region_at(one.position.lon, one.position.lat) for one in report.passes if one.position)
-                made.append((self.accounts[vehicle], session, 1, hashlib.sha256(body).digest(), body, region))
+                digest = hashlib.sha256(body).digest()
+                made.append((self.accounts[vehicle], session, 1, digest, body, region, condense(report)))
                 passes += len(report.passes)
         self._drives += 1
         return made, passes

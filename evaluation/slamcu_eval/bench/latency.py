@@ -16,7 +16,7 @@ import numpy as np
 
 from slamcu_core.errors import SlamcuError
 from slamcu_core.sensoris import encode_batch
-from slamcu_eval.bench.cloud import Cloud, quantiles
+from slamcu_eval.bench.cloud import INSERT, Cloud, quantiles
 from slamcu_eval.bench.traffic import Traffic
 from slamcu_eval.bench.workers import until_fused, working
 from slamcu_server.aggregation.log import CHANNEL
@@ -26,9 +26,6 @@ _PROBE_S = 0.4
 _LOOK_S = 0.05
 _PATIENCE_S = 60.0
 _PROBE_LAT = 47.0  # south of the map
-_INSERT = """
-INSERT INTO messages (account_id, session_id, message_id, sha256, body, region)
-SELECT new.* FROM unnest($1::bigint[], $2::text[], $3::bigint[], $4::bytea[], $5::bytea[], $6::bigint[]) AS new"""
 
 
 @dataclass
@@ -63,7 +60,7 @@ async def _run(cloud: Cloud, url: str, keys: tuple[str, str], per_s: float, seco
             while done < len(rows):
                 due = min(len(rows), round((perf_counter() - begin + _TICK_S) / seconds * len(rows)))
                 if due > done:
-                    await connection.execute(_INSERT, *zip(*rows[done:due], strict=True))
+                    await connection.execute(INSERT, *zip(*rows[done:due], strict=True))
                     await connection.execute("SELECT pg_notify($1, '')", CHANNEL)
                 done = due
                 await asyncio.sleep(_TICK_S)

@@ -7,31 +7,29 @@ wrote about its cells. The appending to the feed comes last, because all batches
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from slamcu_core.aggregation import Policy
-from slamcu_core.errors import SlamcuError
-from slamcu_core.reports import ReportMessage
-from slamcu_core.sensoris import decode_message
-from slamcu_server.aggregation import log, quiet, reads, writes
+from slamcu_server.aggregation import log, quiet, reads, windows
 from slamcu_server.aggregation.cells import Cell
+from slamcu_server.aggregation.condensed import read
 from slamcu_server.aggregation.locks import CELL_BUDGET, BeyondLockedCells, lock_cells, require_cells
+from slamcu_server.aggregation.log import ClaimedMessage
+from slamcu_server.aggregation.lookups import Lookups, lookups, lookups_again
 from slamcu_server.aggregation.passes import StoredPass
 from slamcu_server.aggregation.refold import Places, Touched, cells_of, refold
-from slamcu_server.aggregation.resolve import (
-    ClaimedMessage,
-    Lookups,
-    ResolvedMessage,
-    match_feature,
-    resolve_message,
-    within_budget,
-)
+from slamcu_server.aggregation.resolve import Resolved, match_feature, passes_of, resolve, within_budget
+from slamcu_server.aggregation.store import new_ids, store_passes
 from slamcu_server.changes import feed
 from slamcu_server.retraction import marks
 from slamcu_server.trust.table import trusting
+
+Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,102 +85,95 @@ async def _fuse(
 ) -> Fused:
     retractions = await marks.hold(connection)
     policy = await trusting(connection, policy)
-    reports, reasons = await asyncio.to_thread(_decode, claimed)
-    known = await reads.lookups(connection, reports.values())
-    resolved, unresolvable = _resolve(claimed, reports, known)
+    reported, reasons = await asyncio.to_thread(read, claimed)
+    known = await lookups(connection, reported)
+    resolved, unresolvable = resolve(reported, known)
     reasons |= unresolvable
-    taken, cells = within_budget(resolved, policy.lock_reach_m, CELL_BUDGET, further)
-    if taken:
+    if resolved.messages:
+        taken, cells = within_budget(resolved, policy.lock_reach_m, CELL_BUDGET, further)
         # Nobody sees these before the commit, so they need no lock: other batches fold meanwhile.
         plain = await _store_plain(connection, taken, retractions=retractions)
-        await log.mark_fused(connection, (message.claimed.id for message in taken))
+        await log.mark_fused(connection, (message.id for message in taken.reported.claimed))
         await lock_cells(connection, cells)
         # What candidates are may have changed while waiting: another batch can have merged them, a review
         # accepted them.
-        taken, known = await _look_again(connection, taken, known)
-        others = await _store_others(connection, taken, cells, policy, retractions=retractions)
-        loud = await quiet.append(connection, [*plain, *others], policy)
-        beliefs = await refold(connection, Touched(loud, *_candidates(others, known)), cells, policy)
+        again = await lookups_again(connection, known)
+        if again is not known:
+            taken = _looked_again(taken, again, cells, policy)
+        taken, stored, others = await _store_others(connection, taken, cells, policy, retractions=retractions)
+        added = np.concatenate([plain, stored])
+        added = added[(taken.feature_id[added] > 0) & ~taken.archived[added]]
+        records = windows.of_columns(taken, added)
+        loud = await quiet.append(connection, taken.feature_id[added], records, again.features, policy)
+        beliefs = await refold(connection, Touched(loud, *_candidates(others, again)), cells, policy)
         entries = await feed.publish(connection, beliefs, policy)
     else:
         entries = []
     await log.quarantine(connection, reasons)
     await feed.append(connection, entries)
-    return Fused(len(taken), len(reasons))
+    return Fused(taken.messages if resolved.messages else 0, len(reasons))
 
 
-async def _look_again(
-    connection: AsyncConnection, messages: Sequence[ResolvedMessage], known: Lookups
-) -> tuple[list[ResolvedMessage], Lookups]:
-    """Return messages with what their passes are about now that the cells are held.
+def _looked_again(resolved: Resolved, known: Lookups, held: frozenset[Cell], policy: Policy) -> Resolved:
+    """Return what passes are about now that the cells are held.
 
     Raises BeyondLockedCells, to start over, if a pass that is stored already counts otherwise than it did.
     """
-    again = await reads.lookups_again(connection, known)
-    if again == known:
-        return list(messages), again
-    resolved = [resolve_message(message.claimed, message.report, again) for message in messages]
-    for before, after in zip(messages, resolved, strict=True):
-        if any(one.archived is not other.archived for one, other in zip(before.passes, after.passes, strict=True)):
-            raise BeyondLockedCells(frozenset())
-    return resolved, again
+    now, reasons = resolve(resolved.reported, known)
+    if reasons or (now.archived != resolved.archived).any():
+        raise BeyondLockedCells(frozenset())
+    require_cells(frozenset(map(Cell.of_key, np.unique(now.keys(policy.lock_reach_m)[1]).tolist())), held)
+    return now
 
 
-async def _store_plain(
-    connection: AsyncConnection, messages: Sequence[ResolvedMessage], *, retractions: bool
-) -> list[StoredPass]:
+async def _store_plain(connection: AsyncConnection, resolved: Resolved, *, retractions: bool) -> Indices:
     """Store the passes that name map features, and return those that no retraction takes out."""
-    plain = [_only(message, plain=True) for message in messages]
-    if retractions:
-        return await _marked(connection, await writes.insert_passes(connection, plain))
-    await writes.copy_passes(connection, plain)
-    return [item for message in plain for item in message.passes]
+    plain = np.flatnonzero(resolved.plain)
+    if not retractions:
+        await store_passes(connection, resolved, plain)
+        return plain
+    ids = await new_ids(connection, len(plain))
+    await store_passes(connection, resolved, plain, ids)
+    return plain[~np.isin(ids, sorted(await marks.mark(connection, ids.tolist())))]
 
 
 async def _store_others(
-    connection: AsyncConnection,
-    messages: Sequence[ResolvedMessage],
-    held: frozenset[Cell],
-    policy: Policy,
-    *,
-    retractions: bool,
-) -> list[StoredPass]:
-    """Store the other passes, with what they turn out to be about, and return those that no retraction takes out."""
-    require_cells(cells_of((anchor for message in messages for anchor in message.anchors), policy), held)
-    others = await _match(connection, [_only(message, plain=False) for message in messages], policy)
-    matched = {item.feature_id for message in others for item in message.passes if item.feature_id is not None}
-    require_cells(cells_of(await reads.anchors(connection, matched), policy), held)
-    passes = await writes.insert_passes(connection, others)
-    return await _marked(connection, passes) if retractions else passes
+    connection: AsyncConnection, resolved: Resolved, held: frozenset[Cell], policy: Policy, *, retractions: bool
+) -> tuple[Resolved, Indices, list[StoredPass]]:
+    """Store the other passes, with what they turn out to be about.
 
-
-async def _marked(connection: AsyncConnection, passes: Sequence[StoredPass]) -> list[StoredPass]:
-    out = await marks.mark(connection, (item.id for item in passes))
-    return [item for item in passes if item.id not in out]
-
-
-def _only(message: ResolvedMessage, *, plain: bool) -> ResolvedMessage:
-    """Return a message with those of its passes that are plainly about a map feature, or with the others."""
-    return replace(message, passes=tuple(item for item in message.passes if item.plain is plain))
+    Return that, and those that no retraction takes out, by their numbers and one by one.
+    """
+    chosen = np.flatnonzero(~resolved.plain)
+    ids = await new_ids(connection, len(chosen))
+    passes = await _match(connection, resolved, chosen, passes_of(resolved, chosen, ids), policy)
+    about = resolved.feature_id.copy()
+    about[chosen] = [item.feature_id or 0 for item in passes]
+    require_cells(cells_of(await reads.anchors(connection, set(about[chosen].tolist()) - {0}), policy), held)
+    resolved = replace(resolved, feature_id=about)
+    await store_passes(connection, resolved, chosen, ids)
+    out = await marks.mark(connection, ids.tolist()) if retractions else frozenset()
+    kept = [item for item in passes if item.id not in out]
+    return resolved, chosen[~np.isin(ids, sorted(out))], kept
 
 
 async def _match(
-    connection: AsyncConnection, messages: Sequence[ResolvedMessage], policy: Policy
-) -> list[ResolvedMessage]:
+    connection: AsyncConnection, resolved: Resolved, chosen: Indices, passes: Sequence[StoredPass], policy: Policy
+) -> list[StoredPass]:
     """Tie passes that name nothing to the map features they must be about."""
+    made = list(passes)
     unreferenced = [
-        (number, index, (item.map_id, *item.place[:2]))
-        for number, message in enumerate(messages)
-        for index, item in enumerate(message.passes)
+        (number, (item.map_id, *item.place[:2]))
+        for number, item in enumerate(passes)
         if item.place and item.feature_id is None and item.watch_id is None
     ]
-    nearby = await reads.features_near(connection, [place for *_, place in unreferenced], reads.degrees(policy.reach_m))
-    passes = [list(message.passes) for message in messages]
-    for (number, index, _), near in zip(unreferenced, nearby, strict=True):
-        feature = match_feature(passes[number][index], messages[number].map_sequence, near, policy)
+    nearby = await reads.features_near(connection, [place for _, place in unreferenced], reads.degrees(policy.reach_m))
+    sequence = resolved.reported.of_messages(resolved.map_sequence, np.int64)[chosen].tolist()
+    for (number, _), near in zip(unreferenced, nearby, strict=True):
+        feature = match_feature(passes[number], sequence[number], near, policy)
         if feature is not None:
-            passes[number][index] = replace(passes[number][index], feature_id=feature.id)
-    return [replace(message, passes=tuple(mine)) for message, mine in zip(messages, passes, strict=True)]
+            made[number] = replace(passes[number], feature_id=feature.id)
+    return made
 
 
 def _candidates(passes: Iterable[StoredPass], known: Lookups) -> tuple[Places, frozenset[int]]:
@@ -194,29 +185,3 @@ def _candidates(passes: Iterable[StoredPass], known: Lookups) -> tuple[Places, f
         elif item.watch_id is not None and item.feature_id is None:
             watched.add(known.watches[item.watch_id].candidate_id)
     return frozenset(places), frozenset(watched)
-
-
-def _decode(claimed: Iterable[ClaimedMessage]) -> tuple[dict[int, ReportMessage], dict[int, str]]:
-    reports: dict[int, ReportMessage] = {}
-    reasons: dict[int, str] = {}
-    for message in claimed:
-        try:
-            reports[message.id] = decode_message(message.body)
-        except SlamcuError as error:
-            reasons[message.id] = str(error)
-    return reports, reasons
-
-
-def _resolve(
-    claimed: Iterable[ClaimedMessage], reports: Mapping[int, ReportMessage], known: Lookups
-) -> tuple[list[ResolvedMessage], dict[int, str]]:
-    resolved: list[ResolvedMessage] = []
-    reasons: dict[int, str] = {}
-    for message in claimed:
-        if message.id not in reports:
-            continue
-        try:
-            resolved.append(resolve_message(message, reports[message.id], known))
-        except SlamcuError as error:
-            reasons[message.id] = str(error)
-    return resolved, reasons

@@ -12,12 +12,16 @@ from dataclasses import dataclass
 from functools import lru_cache
 from math import cos, floor, radians
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 _ROW_DEG = 0.01
 _ROWS = round(180 / _ROW_DEG)
 _COLUMNS_AT_EQUATOR = round(360 / _ROW_DEG)
 _METRES_PER_DEG = 110_500.0  # the shortest degree of latitude on WGS84: errs to the side of more cells
 _COLUMN_BITS = 16
 _CELL_BITS = 31
+_COLUMN_MASK, _ROW_MASK = (1 << _COLUMN_BITS) - 1, (1 << _CELL_BITS - _COLUMN_BITS) - 1
 _REGION_DEG, _REGION_BITS = 0.02, 15
 
 
@@ -28,6 +32,11 @@ class Cell:
     map_id: int
     row: int
     column: int
+
+    @classmethod
+    def of_key(cls, key: int) -> Cell:
+        """Return the cell that a key belongs to."""
+        return cls(key >> _CELL_BITS, (key >> _COLUMN_BITS & _ROW_MASK) - 1, key & _COLUMN_MASK)
 
     @property
     def key(self) -> int:
@@ -60,24 +69,34 @@ def cell_at(map_id: int, lon: float, lat: float) -> Cell:
 
 def cells_within(map_id: int, lon: float, lat: float, reach_m: float) -> frozenset[Cell]:
     """Return every cell that a circle of `reach_m` metres around a place (degrees) may touch."""
-    north = reach_m / _METRES_PER_DEG
-    south_row, north_row = _row(lat - north), _row(lat + north)
-    if south_row == north_row:  # most circles lie within one cell
-        columns = _columns(south_row)
-        at, east = (lon + 180.0) / 360.0 * columns, north / _narrowest(lat, north) / 360.0 * columns
-        if floor(at - east) == floor(at + east) and columns > 4:
-            return frozenset((Cell(map_id, south_row, floor(at) % columns),))
-    cells: set[Cell] = set()
-    for row in range(south_row, north_row + 1):
-        columns = _columns(row)
-        east = north / _narrowest(lat, north)
-        if 2 * east >= 360.0 - 360.0 / columns:
-            cells.update(Cell(map_id, row, column) for column in range(columns))
-            continue
-        first = floor((lon - east + 180.0) / 360.0 * columns)
-        last = floor((lon + east + 180.0) / 360.0 * columns)
-        cells.update(Cell(map_id, row, column % columns) for column in range(first, last + 1))
-    return frozenset(cells)
+    _, keys = keys_within([map_id], [lon], [lat], reach_m)
+    return frozenset(map(Cell.of_key, keys.tolist()))
+
+
+def keys_within(
+    map_id: ArrayLike, lon: ArrayLike, lat: ArrayLike, reach_m: float
+) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
+    """Return the same for N places at once: M cells by their keys, and the number of the place that each is for."""
+    maps, east, north = np.asarray(map_id, np.int64), np.asarray(lon, float), np.asarray(lat, float)
+    reach = reach_m / _METRES_PER_DEG
+    south_row, north_row = _rows(north - reach), _rows(north + reach)
+    # the cosine of the latitude in reach that is nearest to a pole
+    width = reach / np.cos(np.radians(np.minimum(89.999, np.abs(north) + reach)))
+    numbers, keys = [np.zeros(0, np.intp)], [np.zeros(0, np.int64)]
+    for up in range(int((north_row - south_row).max(initial=-1)) + 1):
+        chosen = np.flatnonzero(south_row + up <= north_row)
+        rows = south_row[chosen] + up
+        distinct, which = np.unique(rows, return_inverse=True)
+        columns = np.array([_columns(row) for row in distinct.tolist()], np.int64)[which]
+        first = np.floor((east[chosen] - width[chosen] + 180.0) / 360.0 * columns).astype(np.int64)
+        last = np.floor((east[chosen] + width[chosen] + 180.0) / 360.0 * columns).astype(np.int64)
+        last = np.where(2 * width[chosen] >= 360.0 - 360.0 / columns, first + columns - 1, last)
+        for along in range(int((last - first).max(initial=-1)) + 1):
+            within = first + along <= last
+            column = (first[within] + along) % columns[within]
+            numbers.append(chosen[within])
+            keys.append(maps[chosen[within]] << _CELL_BITS | (rows[within] + 1) << _COLUMN_BITS | column)
+    return np.concatenate(numbers), np.concatenate(keys)
 
 
 def region_at(lon: float, lat: float) -> int:
@@ -102,9 +121,8 @@ def _row(lat: float) -> int:
     return min(max(floor((lat + 90.0) / _ROW_DEG), 0), _ROWS - 1)
 
 
-def _narrowest(lat: float, north: float) -> float:
-    """Return the cosine of the latitude within `north` degrees of a place that is nearest to a pole."""
-    return cos(radians(min(89.999, abs(lat) + north)))
+def _rows(lat: NDArray[np.float64]) -> NDArray[np.int64]:
+    return np.clip(np.floor((lat + 90.0) / _ROW_DEG).astype(np.int64), 0, _ROWS - 1)
 
 
 @lru_cache(maxsize=4096)
@@ -118,4 +136,4 @@ def _column(lon: float, columns: int) -> int:
     return floor((lon + 180.0) / 360.0 * columns) % columns
 
 
-__all__ = ["Cell", "cell_at", "cells_within", "lock_keys", "map_key", "region_at"]
+__all__ = ["Cell", "cell_at", "cells_within", "keys_within", "lock_keys", "map_key", "region_at"]

@@ -3,19 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import timedelta
 
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from slamcu_server.aggregation.resolve import ClaimedMessage
-
 CHANNEL = "slamcu_messages"
 """The channel on which the ingest tells that messages wait."""
 
+FORM = 1
+"""Of what the ingest condenses (`condensed`); another number whenever it changes: then the bytes are read again."""
 
-_COLUMNS = "id, account_id, session_id, message_id, body, region"
+_COLUMNS = f"""id, account_id, session_id, message_id, region,
+    CASE WHEN get_byte(condensed, 0) = {FORM} THEN condensed END AS condensed,
+    CASE WHEN get_byte(condensed, 0) = {FORM} THEN NULL ELSE body END AS body"""
 _CLAIM = f"SELECT {_COLUMNS} FROM messages WHERE state = 'pending' {{which}} LIMIT :limit FOR UPDATE SKIP LOCKED"  # noqa: S608
+
+
+@dataclass(frozen=True, slots=True)
+class ClaimedMessage:
+    """A message of the log that this transaction holds."""
+
+    id: int
+    account_id: int
+    session_id: str
+    message_id: int
+    body: bytes  # nothing if it is condensed
+    region: int = 0  # where it is from: `cells.region_at`
+    condensed: bytes | None = None  # what it reports, read already: `condensed.read`
 
 
 async def claim(connection: AsyncConnection, limit: int, ids: Sequence[int] | None = None) -> list[ClaimedMessage]:
@@ -40,7 +56,9 @@ async def claim(connection: AsyncConnection, limit: int, ids: Sequence[int] | No
 async def _claim(connection: AsyncConnection, which: str, limit: int, **parameters: object) -> list[ClaimedMessage]:
     result = await connection.execute(text(_CLAIM.format(which=which)), {"limit": limit, **parameters})
     return [
-        ClaimedMessage(row.id, row.account_id, row.session_id, row.message_id, bytes(row.body or b""), row.region)
+        ClaimedMessage(
+            row.id, row.account_id, row.session_id, row.message_id, row.body or b"", row.region, row.condensed
+        )
         for row in result
     ]
 
@@ -49,7 +67,7 @@ async def mark_fused(connection: AsyncConnection, ids: Iterable[int]) -> None:
     """Say that the effect of messages is part of this transaction."""
     await connection.execute(
         text("""
-        UPDATE messages SET state = 'fused', processed_at = clock_timestamp(), error = NULL
+        UPDATE messages SET state = 'fused', processed_at = clock_timestamp(), error = NULL, condensed = NULL
         WHERE id = ANY(CAST(:ids AS bigint[]))"""),
         {"ids": sorted(ids)},
     )
@@ -59,7 +77,8 @@ async def quarantine(connection: AsyncConnection, reasons: Mapping[int, str]) ->
     """Put messages that cannot be fused aside, each with its reason."""
     await connection.execute(
         text("""
-        UPDATE messages m SET state = 'quarantined', processed_at = clock_timestamp(), error = r.reason
+        UPDATE messages m
+        SET state = 'quarantined', processed_at = clock_timestamp(), error = r.reason, condensed = NULL
         FROM unnest(CAST(:ids AS bigint[]), CAST(:reasons AS text[])) AS r(id, reason) WHERE m.id = r.id"""),
         {"ids": sorted(reasons), "reasons": [reasons[key] for key in sorted(reasons)]},
     )

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from slamcu_core.aggregation import Policy, cluster, connected_groups
 from slamcu_core.geometry import LocalFrame
-from slamcu_server.aggregation.cells import Cell, cells_within
+from slamcu_server.aggregation.cells import Cell, keys_within
 from slamcu_server.aggregation.evidence import covariances, frame_at
 from slamcu_server.aggregation.passes import StoredPass
 
@@ -35,17 +35,18 @@ def group_by_reach(passes: Iterable[StoredPass], reach_m: float) -> list[list[St
     whatever else is looked at with it.
     """
     ordered = sorted(passes, key=lambda item: item.order)
-    in_cell: defaultdict[Cell, list[int]] = defaultdict(list)
-    for index, item in enumerate(ordered):
-        lon, lat, _ = _place(item)
-        for cell in cells_within(item.map_id, lon, lat, reach_m):
-            in_cell[cell].append(index)
+    in_cell: defaultdict[int, list[int]] = defaultdict(list)
+    places = [_place(item) for item in ordered]
+    lon, lat = [place[0] for place in places], [place[1] for place in places]
+    numbers, keys = keys_within([item.map_id for item in ordered], lon, lat, reach_m)
+    for index, key in zip(numbers.tolist(), keys.tolist(), strict=True):
+        in_cell[key].append(index)
     parent = list(range(len(ordered)))
-    for cell, indices in in_cell.items():
-        west, south, east, north = cell.bounds
+    for key, indices in in_cell.items():
+        west, south, east, north = Cell.of_key(key).bounds
         frame = LocalFrame((west + east) / 2, (south + north) / 2)
-        places = [_place(ordered[index]) for index in indices]
-        labels = connected_groups(frame.to_local([p[0] for p in places], [p[1] for p in places]), reach_m)
+        xy = frame.to_local([lon[index] for index in indices], [lat[index] for index in indices])
+        labels = connected_groups(xy, reach_m)
         first: dict[int, int] = {}
         for index, label in zip(indices, labels.tolist(), strict=True):
             one, other = _root(parent, first.setdefault(label, index)), _root(parent, index)

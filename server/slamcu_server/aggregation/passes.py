@@ -9,7 +9,8 @@ from slamcu_core.aggregation import PassEvidence
 from slamcu_core.reports import DetectionStatus
 
 # tuples: a member is found in them by its identity, in a set by the slow hash of an enumeration
-_FOUND = (DetectionStatus.EXPECTED_AND_DETECTED, DetectionStatus.NOT_EXPECTED_AND_DETECTED)
+FOUND_STATUSES = (DetectionStatus.EXPECTED_AND_DETECTED, DetectionStatus.NOT_EXPECTED_AND_DETECTED)
+BLOCKED_STATUS = DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_BLOCKED
 _OWN_FIND_MISSED = (
     DetectionStatus.EXPECTED_AND_NOT_DETECTED,
     DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_AVAILABLE,
@@ -62,12 +63,12 @@ class StoredPass:
     @property
     def blocked(self) -> bool:
         """Whether something stood between the sensor and the place."""
-        return self.status is DetectionStatus.EXPECTED_AND_NOT_DETECTED_ACCESS_BLOCKED
+        return self.status is BLOCKED_STATUS
 
     @property
     def found(self) -> bool:
         """Whether the feature was seen, crossed out or not."""
-        return self.status in _FOUND
+        return self.status in FOUND_STATUSES
 
     @property
     def place(self) -> tuple[float, float, tuple[float, float, float]] | None:
@@ -82,11 +83,6 @@ class StoredPass:
         if not self.counts or self.place is None or self.feature_id is not None or self.watch_id is not None:
             return False
         return self.status is DetectionStatus.NOT_EXPECTED_AND_DETECTED or self.status in _OWN_FIND_MISSED
-
-    @property
-    def plain(self) -> bool:
-        """Whether it names the map feature that it is about: nothing that others report can make it another."""
-        return self.feature_id is not None and self.watch_id is None
 
     @property
     def weights(self) -> tuple[float, float]:

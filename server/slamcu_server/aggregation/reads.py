@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
 from sqlalchemy import Row, text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from slamcu_core.reports import DetectionStatus, ReportMessage
+from slamcu_core.reports import DetectionStatus
 from slamcu_server.aggregation.bulk import arrays, unnest
 from slamcu_server.aggregation.passes import StoredPass
-from slamcu_server.aggregation.resolve import Lookups, MapFeatureReference, NearbyFeature, WatchReference
+from slamcu_server.aggregation.resolve import NearbyFeature
 
 _SELECT = """
 SELECT p.id, p.contributor_id, m.session_id, m.message_id, p.index_in_message, p.map_id, p.started_at, p.ended_at,
@@ -42,14 +44,14 @@ class MappedFeature:
 
 
 @dataclass(frozen=True, slots=True)
-class WindowedFeature:
-    """A map feature and the window of the passes that it was folded from before this transaction."""
+class WindowedFeatures:
+    """N map features and the windows of the passes that they were folded from before this transaction."""
 
-    id: int
-    feature_class: str
-    existence_confidence: float
-    said: bool  # whether there has ever been a change about it, or evidence against it has mattered before
-    window: bytes | None  # None: there is none, or it may not be of all its passes
+    id: NDArray[np.int64]  # in ascending order
+    said: NDArray[np.bool_]  # whether a change about it was ever told, or evidence against it has mattered before
+    known: NDArray[np.bool_]  # whether the window is of all its passes
+    window_bytes: NDArray[np.int64]  # how long each is
+    windows: bytes  # one after the other
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,86 +61,6 @@ class KnownCandidate:
     id: int
     founding_pass: int
     merged_into: int | None
-
-
-async def lookups(connection: AsyncConnection, reports: Collection[ReportMessage]) -> Lookups:
-    """Return what the database knows about the maps, features and watch features that messages name."""
-    types = {"source": "text", "version": "text"}
-    identities = sorted({(report.map_identity.source, report.map_identity.version) for report in reports})
-    rows = [dict(zip(types, identity, strict=True)) for identity in identities]
-    found = await connection.execute(
-        text(f"""
-        SELECT m.source, v.version, v.map_id, v.sequence FROM {unnest(types)}
-        JOIN maps m ON m.source = r.source JOIN map_versions v ON v.map_id = m.id AND v.version = r.version"""),  # noqa: S608  (constants)
-        arrays(types, rows),
-    )
-    versions = {(row.source, row.version): (row.map_id, row.sequence) for row in found}
-    maps = sorted({map_id for map_id, _ in versions.values()})
-    current = await _current_sequences(connection, maps)  # before the features: what changes later is seen to
-    references = [item.reference for report in reports for item in report.passes if item.reference]
-    return Lookups(
-        versions=versions,
-        features=await _features_by_object(
-            connection,
-            maps,
-            sorted({reference.object_id for reference in references if not reference.watched}),
-        ),
-        watches=await watches(connection, {reference.object_id for reference in references if reference.watched}),
-        current=current,
-    )
-
-
-async def lookups_again(connection: AsyncConnection, known: Lookups) -> Lookups:
-    """Return what is known as it is now: watch features, and map features if their maps have new versions."""
-    again = replace(
-        known,
-        watches=await watches(connection, known.watches),
-        current=await _current_sequences(connection, sorted(known.current)),
-    )
-    if again.current == known.current:
-        return again
-    objects = sorted({object_id for _, object_id in known.features})
-    return replace(again, features=await _features_by_object(connection, sorted(known.current), objects))
-
-
-async def _current_sequences(connection: AsyncConnection, maps: Sequence[int]) -> dict[int, int]:
-    found = await connection.execute(
-        text("SELECT id, current_sequence FROM maps WHERE id = ANY(CAST(:ids AS bigint[]))"), {"ids": maps}
-    )
-    return {row.id: row.current_sequence for row in found}
-
-
-async def _features_by_object(
-    connection: AsyncConnection, map_ids: Sequence[int], object_ids: Sequence[int]
-) -> dict[tuple[int, int], MapFeatureReference]:
-    found = await connection.execute(
-        text("""
-        SELECT f.map_id, f.object_id, f.id, v.lon, v.lat, v.since FROM features f
-        CROSS JOIN LATERAL (
-            SELECT (array_agg(ST_X(geom) ORDER BY from_sequence))[1] AS lon,
-                (array_agg(ST_Y(geom) ORDER BY from_sequence))[1] AS lat,
-                COALESCE(max(evidence_sequence), min(from_sequence)) AS since
-            FROM feature_versions WHERE feature_id = f.id) v
-        WHERE f.map_id = ANY(CAST(:maps AS bigint[])) AND f.object_id = ANY(CAST(:objects AS bigint[]))"""),
-        {"maps": map_ids, "objects": object_ids},
-    )
-    return {(map_id, object_id): MapFeatureReference(*rest) for map_id, object_id, *rest in found}
-
-
-async def watches(connection: AsyncConnection, ids: Iterable[int]) -> dict[int, WatchReference]:
-    """Return watch features by id, each with the candidate or map feature that it is now."""
-    found = await connection.execute(
-        text("""
-        SELECT c.id, c.map_id, root.id AS candidate_id, root.feature_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat
-        FROM candidates c
-        JOIN candidates root ON root.id = COALESCE(c.merged_into, c.id)
-        JOIN passes p ON p.id = c.founding_pass
-        WHERE c.id = ANY(CAST(:ids AS bigint[]))"""),
-        {"ids": sorted(set(ids))},
-    )
-    return {
-        row.id: WatchReference(row.id, row.map_id, row.candidate_id, row.feature_id, row.lon, row.lat) for row in found
-    }
 
 
 async def anchors(connection: AsyncConnection, ids: Iterable[int]) -> list[tuple[int, float, float]]:
@@ -173,8 +95,8 @@ async def features(connection: AsyncConnection, ids: Iterable[int]) -> dict[int,
     return {row.id: MappedFeature(**row._mapping) for row in found}  # noqa: SLF001  (a row's public mapping)
 
 
-async def windowed_features(connection: AsyncConnection, added: Mapping[int, int]) -> list[WindowedFeature]:
-    """Return map features with their windows, by id; `added` says how many passes each has got in this transaction.
+async def windowed_features(connection: AsyncConnection, added: Mapping[int, int]) -> WindowedFeatures:
+    """Return map features with their windows; `added` says how many passes each has got in this transaction.
 
     A window counts if nothing has written the row since it was packed: a server before 0.3 leaves it as it was. Where
     there is no row, nothing was known if nothing but what was just added is stored.
@@ -183,21 +105,32 @@ async def windowed_features(connection: AsyncConnection, added: Mapping[int, int
     rows = [{"id": key, "added": added[key]} for key in sorted(added)]
     found = await connection.execute(
         text(f"""
-        SELECT r.id, v.feature_class, v.existence_confidence,
-               EXISTS (SELECT FROM changes c WHERE c.feature_id = r.id)
-               OR COALESCE(s.weight_against > s.weight_for OR s.fades_at IS NOT NULL, false) AS said,
-               CASE WHEN s.feature_id IS NOT NULL THEN CASE WHEN s.window_at = s.updated_at THEN s.passes_window END
-                    WHEN (SELECT count(*) FROM (SELECT FROM passes p WHERE p.feature_id = r.id LIMIT r.added + 1) few)
-                         <= r.added THEN ''::bytea END AS "window"
-        FROM {unnest(types)}
-        CROSS JOIN LATERAL (
-            SELECT feature_class, existence_confidence FROM feature_versions
-            WHERE feature_id = r.id ORDER BY from_sequence DESC LIMIT 1) v
-        LEFT JOIN feature_states s ON s.feature_id = r.id
-        ORDER BY r.id"""),  # noqa: S608  (constants)
+        SELECT array_agg(id), array_agg(said), array_agg("window" IS NOT NULL),
+               array_agg(COALESCE(octet_length("window"), 0)), string_agg("window", '')
+        FROM (
+            SELECT r.id,
+                   EXISTS (SELECT FROM changes c WHERE c.feature_id = r.id)
+                   OR COALESCE(s.weight_against > s.weight_for OR s.fades_at IS NOT NULL, false) AS said,
+                   CASE WHEN s.feature_id IS NOT NULL THEN
+                            CASE WHEN s.window_at = s.updated_at THEN s.passes_window END
+                        WHEN (SELECT count(*) FROM (
+                            SELECT FROM passes p WHERE p.feature_id = r.id LIMIT r.added + 1) few) <= r.added
+                        THEN ''::bytea END AS "window"
+            FROM {unnest(types)}
+            LEFT JOIN LATERAL (
+                SELECT feature_id, weight_for, weight_against, fades_at, passes_window, window_at, updated_at
+                FROM feature_states WHERE feature_id = r.id {PROBE}) s ON true
+            ORDER BY r.id) each"""),  # noqa: S608  (constants)
         arrays(types, rows),
     )
-    return [WindowedFeature(*row) for row in found]
+    ids, said, known, window_bytes, windows = (column or () for column in found.one())
+    return WindowedFeatures(
+        np.array(ids, np.int64),
+        np.array(said, bool),
+        np.array(known, bool),
+        np.array(window_bytes, np.int64),
+        windows or b"",
+    )
 
 
 async def features_near(

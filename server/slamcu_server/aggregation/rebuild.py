@@ -66,7 +66,7 @@ async def _feature_differences(connection: AsyncConnection, policy: Policy) -> t
 
 
 def _sorted(window: bytes) -> list[tuple[float, ...]]:
-    return sorted(windows.unpack([window]).tolist())
+    return sorted(windows.unpack(window).tolist())
 
 
 async def _candidate_differences(connection: AsyncConnection, policy: Policy, features: Held) -> list[str]:

@@ -10,11 +10,12 @@ import asyncio
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.aggregation import Policy
 from slamcu_server.aggregation import reads, windows, writes
-from slamcu_server.aggregation.cells import Cell, cells_within
+from slamcu_server.aggregation.cells import Cell, keys_within
 from slamcu_server.aggregation.evidence import Place, Summary
 from slamcu_server.aggregation.folding import (
     CandidateFold,
@@ -106,7 +107,8 @@ async def _further(
     Raises BeyondLockedCells if that lies beyond the cells that are held.
     """
     partners = await stored_partners(connection, {*known.features, *known.unmapped}, {*known.candidates, *known.merged})
-    deleted, new = strong(known.features, policy), strong(known.candidates, policy)
+    deleted = [*strong(known.features, policy).values()]
+    new = [*strong(known.candidates, policy).values()]
     if not (partners or deleted or new):
         return None, frozenset()
     if held is not None:
@@ -208,8 +210,8 @@ def _all(folds: Iterable[CandidateFold], alone: Iterable[StoredPass]) -> Iterabl
 
 def cells_of(places: Iterable[tuple[int, float, float]], policy: Policy) -> frozenset[Cell]:
     """Return the cells that whoever changes anything at these places must hold."""
-    reach_m = policy.lock_reach_m
-    return frozenset[Cell]().union(*(cells_within(*place, reach_m) for place in places))
+    maps, lon, lat = tuple(zip(*places, strict=True)) or ((), (), ())
+    return frozenset(map(Cell.of_key, np.unique(keys_within(maps, lon, lat, policy.lock_reach_m)[1]).tolist()))
 
 
 def feature_belief(feature: MappedFeature, summary: Summary, policy_version: str) -> tuple[Subject, Belief]:

@@ -6,56 +6,26 @@ whole message goes to quarantine with the reason, because a vehicle that is wron
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slamcu_core.aggregation import Policy
 from slamcu_core.errors import SlamcuError
-from slamcu_core.reports import ReportMessage
-from slamcu_server.aggregation.cells import Cell, cells_within
+from slamcu_server.aggregation.cells import Cell, keys_within
+from slamcu_server.aggregation.condensed import NAMES, PLACED, STATUSES, VALID, WATCHED, Reported, instants
 from slamcu_server.aggregation.evidence import frame_at
+from slamcu_server.aggregation.lookups import Lookups, WatchReference
 from slamcu_server.aggregation.passes import StoredPass
+
+Indices = NDArray[np.intp]
+Ids = NDArray[np.int64]
 
 
 class UnresolvableError(SlamcuError):
     """A message that cannot be read as evidence about any map this server has."""
-
-
-@dataclass(frozen=True, slots=True)
-class ClaimedMessage:
-    """A message of the log that this transaction holds."""
-
-    id: int
-    account_id: int
-    session_id: str
-    message_id: int
-    body: bytes
-    region: int = 0  # where it is from: `cells.region_at`
-
-
-@dataclass(frozen=True, slots=True)
-class MapFeatureReference:
-    """A map feature, and where it was first mapped: that place never changes, so its cell is what to lock."""
-
-    id: int
-    lon: float
-    lat: float
-    since_sequence: int = 0  # the first map version in which it was this thing at this place
-
-
-@dataclass(frozen=True, slots=True)
-class WatchReference:
-    """A watch feature: the candidate it is now part of, or the map feature it has become, and its founding place."""
-
-    id: int
-    map_id: int
-    candidate_id: int
-    feature_id: int | None
-    lon: float
-    lat: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,80 +43,161 @@ class NearbyFeature:
 
 
 @dataclass(frozen=True, slots=True)
-class Lookups:
-    """What the database knows about the things that messages name."""
+class Resolved:
+    """P passes of M messages with what they are about."""
 
-    versions: Mapping[tuple[str, str], tuple[int, int]]  # (source, version) to (map id, sequence)
-    features: Mapping[tuple[int, int], MapFeatureReference]  # by (map id, object id)
-    watches: Mapping[int, WatchReference]
-    current: Mapping[int, int] = field(default_factory=dict)  # current sequence by map id
+    reported: Reported
+    map_id: Ids  # (M,)
+    map_sequence: Ids  # (M,)
+    feature_id: Ids  # (P,), the map feature, 0 for none
+    watch_id: Ids  # (P,), the watch feature that it named, 0 for none
+    candidate_id: Ids  # (P,), the candidate that this is part of now, 0 for none
+    archived: NDArray[np.bool_]  # (P,), whether it speaks of what its map feature was, or of where it was
+    anchor: NDArray[np.float64]  # (P, 2), degrees: where what it touches is locked, NaN where it touches nothing
+
+    @property
+    def plain(self) -> NDArray[np.bool_]:
+        """(P,), whether a pass names the map feature it is about: nothing that others report can make it another."""
+        return np.asarray((self.feature_id > 0) & (self.watch_id == 0))
+
+    @property
+    def messages(self) -> int:
+        """How many messages there are."""
+        return len(self.map_id)
+
+    def keys(self, reach_m: float) -> tuple[Indices, Ids]:
+        """Return the cells that folding these passes must hold, by their keys, and the message that each is for."""
+        anchored = np.flatnonzero(~np.isnan(self.anchor[:, 0]))
+        message = self.reported.message[anchored]
+        # what many passes touch is looked at once
+        table = np.column_stack([message.astype(float), self.anchor[anchored]])
+        distinct = _distinct(table)
+        which = distinct[:, 0].astype(np.intp)
+        number, keys = keys_within(self.map_id[which], distinct[:, 1], distinct[:, 2], reach_m)
+        return which[number], keys
+
+    def first(self, messages: int) -> Resolved:
+        """Return the first so many messages."""
+        if messages == self.messages:
+            return self
+        passes = self.reported.message < messages
+        return Resolved(
+            self.reported.without(range(messages, self.messages)),
+            self.map_id[:messages],
+            self.map_sequence[:messages],
+            self.feature_id[passes],
+            self.watch_id[passes],
+            self.candidate_id[passes],
+            self.archived[passes],
+            self.anchor[passes],
+        )
 
 
-@dataclass(frozen=True, slots=True)
-class ResolvedMessage:
-    """A message with what its passes are about; the passes have no ids of their own yet."""
+def resolve(reported: Reported, known: Lookups) -> tuple[Resolved, dict[int, str]]:
+    """Tie passes to what they name, and say by their ids why some messages cannot be: these are left out."""
+    identities = [known.versions.get((one.source, one.version)) for one in reported.envelopes]
+    reasons = {
+        number: f"map {one.source!r} version {one.version!r} is not known here"
+        for number, (one, identity) in enumerate(zip(reported.envelopes, identities, strict=True))
+        if identity is None
+    }
+    map_id = reported.of_messages([0 if identity is None else identity[0] for identity in identities], np.int64)
+    sequence = reported.of_messages([0 if identity is None else identity[1] for identity in identities], np.int64)
+    named, watched, placed = reported.has(NAMES), reported.has(WATCHED), reported.has(PLACED)
+    records, features = reported.records, known.features
 
-    claimed: ClaimedMessage
-    report: ReportMessage
-    map_sequence: int
-    passes: tuple[StoredPass, ...]
-    anchors: tuple[tuple[int, float, float], ...] = field(default=())  # (map id, lon, lat) of what they touch
+    at = np.full(len(records), -1, np.intp)
+    mapped = np.flatnonzero(named & ~watched)
+    at[mapped] = features.find(map_id[mapped], records["object_id"][mapped])
+    watches: dict[int, WatchReference] = {
+        number: watch
+        for number in np.flatnonzero(watched).tolist()
+        if (watch := known.watches.get(int(records["object_id"][number]))) is not None
+        and watch.map_id == map_id[number]
+    }
+    lost = named & (at < 0)
+    lost[list(watches)] = False
+    for number in np.flatnonzero(lost).tolist():
+        message = int(reported.message[number])
+        kind = "has no watch feature" if watched[number] else "never had a feature"
+        what = f"passes[{reported.index[number]}]: map {reported.envelopes[message].source!r} {kind}"
+        reasons.setdefault(message, f"{what} {records['object_id'][number]}")
+    if reasons:
+        resolved, none = resolve(reported.without(sorted(reasons)), known)
+        return resolved, {reported.claimed[number].id: why for number, why in reasons.items()} | none
 
-    def cells(self, reach_m: float) -> frozenset[Cell]:
-        """Return the cells that folding this message must hold."""
-        return frozenset[Cell]().union(*(cells_within(*anchor, reach_m) for anchor in self.anchors))
+    feature_id, watch_id, candidate_id = (np.zeros(len(records), np.int64) for _ in range(3))
+    archived = np.zeros(len(records), bool)
+    anchor = np.full((len(records), 2), np.nan)
+    feature_id[mapped] = features.id[at[mapped]]
+    # Who has an older map speaks of what it was, or of where it was.
+    archived[mapped] = sequence[mapped] < features.since[at[mapped]]
+    anchor[mapped] = np.column_stack([features.lon, features.lat])[at[mapped]]
+    free = ~named & placed
+    anchor[free] = np.column_stack([records["lon"], records["lat"]])[free]
+    for number, watch in watches.items():
+        # The candidate may have been accepted meanwhile: then this is evidence about the map feature it became.
+        feature_id[number], watch_id[number] = watch.feature_id or 0, watch.id
+        candidate_id[number] = 0 if watch.feature_id else watch.candidate_id
+        anchor[number] = watch.lon, watch.lat
+    maps, sequences = (np.array([one[part] for one in identities if one], np.int64) for part in (0, 1))
+    return Resolved(reported, maps, sequences, feature_id, watch_id, candidate_id, archived, anchor), {}
 
 
-class _About(NamedTuple):
-    """What a pass is about."""
-
-    feature_id: int | None = None
-    watch_id: int | None = None
-    candidate_id: int | None = None
-    archived: bool = False
-
-
-_NOTHING = _About()
-
-
-def resolve_message(claimed: ClaimedMessage, report: ReportMessage, known: Lookups) -> ResolvedMessage:
-    """Tie the passes of a message to what they name.
-
-    Raises UnresolvableError naming the map, version or pass that this server does not know.
-    """
-    identity = report.map_identity
-    try:
-        map_id, sequence = known.versions[identity.source, identity.version]
-    except KeyError:
-        raise UnresolvableError(f"map {identity.source!r} version {identity.version!r} is not known here") from None
-    passes: list[StoredPass] = []
-    anchors: set[tuple[int, float, float]] = set()
-    for index, item in enumerate(report.passes):
-        reference = item.reference
-        if reference is None:
-            about = _NOTHING
-            if item.position is not None:
-                anchors.add((map_id, item.position.lon, item.position.lat))
-        elif reference.watched:
-            watch = known.watches.get(reference.object_id)
-            if watch is None or watch.map_id != map_id:
-                raise UnresolvableError(
-                    f"passes[{index}]: map {identity.source!r} has no watch feature {reference.object_id}"
-                )
-            # The candidate may have been accepted meanwhile: then this is evidence about the map feature it became.
-            about = _About(watch.feature_id, watch.id, None if watch.feature_id else watch.candidate_id)
-            anchors.add((map_id, watch.lon, watch.lat))
-        else:
-            feature = known.features.get((map_id, reference.object_id))
-            if feature is None:
-                raise UnresolvableError(
-                    f"passes[{index}]: map {identity.source!r} never had a feature {reference.object_id}"
-                )
-            # Who has an older map speaks of what it was, or of where it was.
-            about = _About(feature.id, archived=sequence < feature.since_sequence)
-            anchors.add((map_id, feature.lon, feature.lat))
-        passes.append(_stored(claimed, report, index, map_id, about))
-    return ResolvedMessage(claimed, report, sequence, tuple(passes), tuple(sorted(anchors)))
+def passes_of(resolved: Resolved, chosen: Indices, ids: Ids) -> list[StoredPass]:
+    """Return some of the passes one by one, with these ids."""
+    reported = resolved.reported
+    records = reported.records[chosen]
+    begun, ended = instants(records["started_at"]), instants(records["ended_at"])
+    columns = zip(
+        ids.tolist(),
+        reported.message[chosen].tolist(),
+        reported.index[chosen].tolist(),
+        reported.feature_class[chosen].tolist(),
+        reported.sign[chosen].tolist(),
+        reported.value[chosen].tolist(),
+        resolved.feature_id[chosen].tolist(),
+        resolved.watch_id[chosen].tolist(),
+        resolved.candidate_id[chosen].tolist(),
+        resolved.archived[chosen].tolist(),
+        records[
+            ["weight_for", "weight_against", "status", "flags", "lon", "lat", "cov_xx", "cov_xy", "cov_yy"]
+        ].tolist(),
+        begun,
+        ended,
+        strict=True,
+    )
+    texts, maps = reported.texts, resolved.map_id.tolist()
+    made = []
+    for key, message, index, kind, sign, value, feature, watch, candidate, archived, record, start, end in columns:
+        claimed = reported.claimed[message]
+        f, a, status, flags, lon, lat, *covariance = record
+        placed = bool(flags & PLACED)
+        made.append(
+            StoredPass(
+                id=key,
+                key=(claimed.account_id, claimed.session_id, claimed.message_id, index),
+                map_id=maps[message],
+                started_at=start,
+                ended_at=end,
+                status=STATUSES[status],
+                feature_class=texts[kind] or "",
+                sign=texts[sign],
+                value=texts[value],
+                weight_for=f,
+                weight_against=a,
+                valid=bool(flags & VALID),
+                trusted=reported.envelopes[message].trusted,
+                feature_id=feature or None,
+                watch_id=watch or None,
+                candidate_id=candidate or None,
+                archived=archived,
+                lon=lon if placed else None,
+                lat=lat if placed else None,
+                covariance_m2=tuple(covariance) if placed else None,
+            )
+        )
+    return made
 
 
 def match_feature(
@@ -160,17 +211,23 @@ def match_feature(
     place = item.place
     if place is None or not item.counts:
         return None
+    possible = [
+        feature
+        for feature in nearby
+        # the car knew this feature, and says that its find is another
+        if not (item.clusters and feature.since_sequence <= map_sequence)
+        and feature.feature_class == item.feature_class
+        and _compatible(item, feature)
+    ]
+    if not possible:
+        return None
     lon, lat, (xx, xy, yy) = place
     rules = policy.for_class(item.feature_class)
     frame = frame_at(lon, lat)
     origin = frame.to_local(lon, lat)
     best: tuple[float, int] | None = None
     matched: NearbyFeature | None = None
-    for feature in nearby:
-        if item.clusters and feature.since_sequence <= map_sequence:
-            continue  # the car knew this feature, and says that its find is another
-        if feature.feature_class != item.feature_class or not _compatible(item, feature):
-            continue
+    for feature in possible:
         shift = frame.to_local(feature.lon, feature.lat) - origin
         own = feature.position_std_m**2 + rules.position_floor_m**2
         spread = np.array([[xx + own, xy], [xy, yy + own]])
@@ -182,47 +239,28 @@ def match_feature(
 
 
 def within_budget(
-    messages: Sequence[ResolvedMessage], reach_m: float, budget: int, extra: frozenset[Cell]
-) -> tuple[list[ResolvedMessage], frozenset[Cell]]:
+    resolved: Resolved, reach_m: float, budget: int, extra: frozenset[Cell]
+) -> tuple[Resolved, frozenset[Cell]]:
     """Return the longest prefix of messages whose cells are at most `budget`, at least one message, and the cells."""
-    cells, taken = extra, list[ResolvedMessage]()
-    for message in messages:
-        more = cells | message.cells(reach_m)
-        if taken and len(more) > budget:
-            break
-        cells = more
-        taken.append(message)
-    return taken, cells
+    message, keys = resolved.keys(reach_m)
+    order = np.argsort(message, kind="stable")
+    distinct, first = np.unique(keys[order], return_index=True)
+    new = ~np.isin(distinct, [cell.key for cell in extra])
+    added = np.bincount(message[order][first[new]], minlength=resolved.messages)
+    fits = len(extra) + np.cumsum(added) <= budget
+    taken = max(int(np.count_nonzero(np.cumprod(fits))), 1)
+    held = np.unique(keys[message < taken])
+    return resolved.first(taken), extra | frozenset(map(Cell.of_key, held.tolist()))
+
+
+def _distinct(table: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rows (N, 3), each once."""
+    ordered = table[np.lexsort(table.T[::-1])]
+    return np.asarray(ordered[np.append(np.ones(1, bool), (np.diff(ordered, axis=0) != 0).any(axis=1))[: len(table)]])
 
 
 def _compatible(item: StoredPass, feature: NearbyFeature) -> bool:
     return all(
         seen is None or mapped is None or seen == mapped
         for seen, mapped in ((item.sign, feature.sign), (item.value, feature.value))
-    )
-
-
-def _stored(claimed: ClaimedMessage, report: ReportMessage, index: int, map_id: int, about: _About) -> StoredPass:
-    item = report.passes[index]
-    return StoredPass(
-        id=0,
-        key=(claimed.account_id, claimed.session_id, claimed.message_id, index),
-        map_id=map_id,
-        started_at=item.started_at,
-        ended_at=item.ended_at,
-        status=item.status,
-        feature_class=item.feature_class,
-        sign=item.sign,
-        value=item.value,
-        weight_for=item.weight_for,
-        weight_against=item.weight_against,
-        valid=item.valid,
-        trusted=report.health.trusted,
-        feature_id=about.feature_id,
-        watch_id=about.watch_id,
-        candidate_id=about.candidate_id,
-        archived=about.archived,
-        lon=item.position.lon if item.position else None,
-        lat=item.position.lat if item.position else None,
-        covariance_m2=item.position.covariance_m2 if item.position else None,
     )

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.sensoris.times import to_microseconds
-from slamcu_server.aggregation.passes import StoredPass
+from slamcu_server.aggregation.condensed import STATUSES, VALID
+from slamcu_server.aggregation.passes import BLOCKED_STATUS, FOUND_STATUSES, StoredPass
+from slamcu_server.aggregation.resolve import Resolved
 
 RECORD = np.dtype(
     [
@@ -29,6 +31,8 @@ RECORD = np.dtype(
 _NATIVE = RECORD.newbyteorder("=")
 
 COUNTS, BLOCKED, FOUND = 1, 2, 4
+_BLOCKED = np.array([status is BLOCKED_STATUS for status in STATUSES])
+_FOUND = np.array([status in FOUND_STATUSES for status in STATUSES])
 
 Records = NDArray[np.void]
 
@@ -36,6 +40,22 @@ Records = NDArray[np.void]
 def pack(passes: Iterable[StoredPass]) -> Records:
     """Return passes as records, in the order given."""
     return np.array([_record(item) for item in passes], _NATIVE)
+
+
+def of_columns(resolved: Resolved, chosen: NDArray[np.intp]) -> Records:
+    """Return passes that were just resolved as records."""
+    reported = resolved.reported
+    records, message = reported.records[chosen], reported.message[chosen]
+    trusted = np.array([one.trusted for one in reported.envelopes], bool)[message]
+    counts = trusted & (records["flags"] & VALID > 0)
+    blocked, found = _BLOCKED[records["status"]], _FOUND[records["status"]]
+    made = np.empty(len(chosen), _NATIVE)
+    made["ended_at"] = records["ended_at"]
+    made["contributor"] = np.array([one.account_id for one in reported.claimed], np.int64)[message]
+    for name in ("weight_for", "weight_against"):
+        made[name] = np.where(counts & ~blocked, records[name], 0.0)
+    made["flags"] = COUNTS * counts | BLOCKED * blocked | FOUND * found
+    return made
 
 
 def of_kept(passes: Iterable[StoredPass], expired: Collection[int]) -> bytes:
@@ -49,9 +69,9 @@ def stored(entries: Records) -> bytes:
     return bytes(entries.astype(RECORD).tobytes())
 
 
-def unpack(windows: Iterable[bytes]) -> Records:
-    """Return the records of windows, one after the other."""
-    return np.frombuffer(b"".join(windows), RECORD).astype(_NATIVE)
+def unpack(windows: bytes) -> Records:
+    """Return the records of windows that stand one after the other."""
+    return np.frombuffer(windows, RECORD).astype(_NATIVE)
 
 
 def _record(item: StoredPass) -> tuple[int, int, float, float, int]:

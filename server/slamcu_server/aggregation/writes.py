@@ -2,50 +2,17 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from datetime import datetime
 
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from slamcu_server.aggregation.binary import Column, copy, text_field
 from slamcu_server.aggregation.bulk import arrays, unnest
 from slamcu_server.aggregation.evidence import Summary
 from slamcu_server.aggregation.folding import CandidateFold
-from slamcu_server.aggregation.passes import StoredPass
-from slamcu_server.aggregation.resolve import ResolvedMessage
 
-_PASS_TYPES = {
-    "message": "bigint",
-    "index_in_message": "integer",
-    "map_id": "bigint",
-    "contributor_id": "bigint",
-    "started_at": "timestamptz",
-    "ended_at": "timestamptz",
-    "status": "text",
-    "feature_class": "text",
-    "sign": "text",
-    "value": "text",
-    "weight_for": "float8",
-    "weight_against": "float8",
-    "frames_detected": "integer",
-    "frames_missed": "integer",
-    "frames_blocked": "integer",
-    "feature_id": "bigint",
-    "watch_id": "bigint",
-    "candidate_id": "bigint",
-    "cov_xx": "float8",
-    "cov_xy": "float8",
-    "cov_yy": "float8",
-    "map_sequence": "integer",
-    "sensor_model": "text",
-    "software_version": "text",
-    "fleet_id": "text",
-    "valid": "boolean",
-    "trusted": "boolean",
-    "archived": "boolean",
-}
 _BELIEF_TYPES = {
     "weight_for": "float8",
     "weight_against": "float8",
@@ -80,11 +47,9 @@ _CANDIDATE_TYPES = {
     "cov_yy": "float8",
 }
 
-Row = dict[str, object]
+_GIVEN = "given_feature_states"
 
-_POINT = struct.Struct("<BIIdd").pack  # EWKB, little endian
-_WGS84 = 0x20000001, 4326  # a point with a reference system, and which
-_KNOWS_GEOMETRY = "slamcu_knows_geometry"
+Row = dict[str, object]
 
 
 def belief_row(summary: Summary, policy_version: str) -> Row:
@@ -129,58 +94,43 @@ def candidate_row(fold: CandidateFold, policy_version: str) -> Row:
     }
 
 
-async def insert_passes(connection: AsyncConnection, messages: Sequence[ResolvedMessage]) -> list[StoredPass]:
-    """Store the passes of messages and return them with their ids."""
-    types = {**_PASS_TYPES, "lon": "float8", "lat": "float8"}
-    rows = [(*_pass_row(message, item), item.lon, item.lat) for message in messages for item in message.passes]
-    columns = ", ".join(_PASS_TYPES)
-    result = await connection.execute(
-        text(f"""
-        INSERT INTO passes ({columns}, geom)
-        SELECT {columns}, ST_SetSRID(ST_MakePoint(lon, lat), 4326) FROM {unnest(types)}
-        RETURNING message, index_in_message, id"""),  # noqa: S608  (constants)
-        {name: [row[number] for row in rows] for number, name in enumerate(types)},
-    )
-    ids = {(row.message, row.index_in_message): row.id for row in result}
-    return [replace(item, id=ids[message.claimed.id, item.key[3]]) for message in messages for item in message.passes]
-
-
-async def copy_passes(connection: AsyncConnection, messages: Iterable[ResolvedMessage]) -> None:
-    """Store the passes of messages whose ids nobody asks for: three times as fast as `insert_passes`."""
-    rows = [(*_pass_row(message, item), _point(item)) for message in messages for item in message.passes]
-    driver = (await connection.get_raw_connection()).driver_connection
-    if driver is None:
-        raise ConnectionError("the connection to store passes on is closed")
-    if not connection.info.get(_KNOWS_GEOMETRY):
-        found = await connection.execute(
-            text("SELECT nspname FROM pg_type JOIN pg_namespace n ON n.oid = typnamespace WHERE typname = 'geometry'")
-        )
-        schema = found.scalar_one()
-        await driver.set_type_codec("geometry", schema=schema, encoder=bytes, decoder=bytes, format="binary")
-        connection.info[_KNOWS_GEOMETRY] = True
-    await driver.copy_records_to_table("passes", records=rows, columns=[*_PASS_TYPES, "geom"])
-
-
 async def upsert_feature_states(connection: AsyncConnection, rows: Mapping[int, Row]) -> None:
     """Write what is believed about map features, given by their ids."""
-    ordered = [{"feature_id": key, **rows[key]} for key in sorted(rows)]
-    await upsert_feature_columns(connection, arrays({**_FEATURE_TYPES, **_FORGOTTEN_TYPES}, ordered))
-
-
-async def upsert_feature_columns(connection: AsyncConnection, values: Mapping[str, Sequence[object]]) -> None:
-    """Write what is believed about map features, given by columns in the order of their ids."""
     types = {**_FEATURE_TYPES, **_FORGOTTEN_TYPES}
-    columns = ", ".join(types)
+    ordered = [{"feature_id": key, **rows[key]} for key in sorted(rows)]
+    await connection.execute(text(_upsert(unnest(types))), arrays(types, ordered))
+
+
+async def upsert_feature_columns(
+    connection: AsyncConnection, columns: Mapping[str, Column], windows: Sequence[bytes], policy_version: str
+) -> None:
+    """Write what is believed about map features of which nothing fades, given by columns and their windows."""
+    if not windows:
+        return
+    given = {name: kind for name, kind in {**_FEATURE_TYPES, **_FORGOTTEN_TYPES}.items() if name in columns}
+    # The table is empty whenever a transaction begins, and ends with the connection.
+    await connection.execute(
+        text(f"""
+        CREATE TEMPORARY TABLE IF NOT EXISTS {_GIVEN} ({", ".join(f"{name} {kind}" for name, kind in given.items())},
+            passes_window bytea) ON COMMIT DELETE ROWS""")
+    )
+    await copy(connection, _GIVEN, columns, ["passes_window"], [text_field(window) for window in windows])
+    source = (
+        f"(SELECT *, CAST(NULL AS timestamptz) AS fades_at, CAST(:policy AS text) AS policy_version FROM {_GIVEN}) r"  # noqa: S608  (a constant)
+    )
+    await connection.execute(text(_upsert(source)), {"policy": policy_version})
+
+
+def _upsert(source: str) -> str:
+    """Return the SQL that writes beliefs about map features out of a table with their columns."""
+    columns = ", ".join({**_FEATURE_TYPES, **_FORGOTTEN_TYPES})
     updates = ", ".join(
         [f"{name} = EXCLUDED.{name}" for name in _FEATURE_TYPES if name != "feature_id"]
         + [f"{name} = feature_states.{name} + EXCLUDED.{name}" for name in _FORGOTTEN_TYPES]
     )
-    await connection.execute(
-        text(f"""
-        INSERT INTO feature_states ({columns}, window_at) SELECT {columns}, now() FROM {unnest(types)}
-        ON CONFLICT (feature_id) DO UPDATE SET {updates}, updated_at = now(), window_at = now()"""),  # noqa: S608  (constants)
-        {name: values[name] for name in types},
-    )
+    return f"""
+        INSERT INTO feature_states ({columns}, window_at) SELECT {columns}, now() FROM {source}
+        ON CONFLICT (feature_id) DO UPDATE SET {updates}, updated_at = now(), window_at = now()"""  # noqa: S608  (constants)
 
 
 async def insert_candidates(connection: AsyncConnection, rows: Sequence[Row]) -> dict[int, int]:
@@ -242,42 +192,4 @@ async def delete_passes_before(connection: AsyncConnection, ends: Mapping[int, d
         WHERE p.feature_id = r.id AND p.ended_at < r."end"
           AND NOT p.archived AND p.retraction_id IS NULL"""),  # noqa: S608  (constants)
         arrays(types, [{"id": key, "end": ends[key]} for key in sorted(ends)]),
-    )
-
-
-def _point(item: StoredPass) -> bytes | None:
-    return None if item.lon is None or item.lat is None else _POINT(1, *_WGS84, item.lon, item.lat)
-
-
-def _pass_row(message: ResolvedMessage, item: StoredPass) -> tuple[object, ...]:
-    """Return a pass in the order of _PASS_TYPES."""
-    report = message.report
-    frames = report.passes[item.key[3]]
-    return (
-        message.claimed.id,
-        item.key[3],
-        item.map_id,
-        item.contributor,
-        item.started_at,
-        item.ended_at,
-        item.status.value,
-        item.feature_class,
-        item.sign,
-        item.value,
-        item.weight_for,
-        item.weight_against,
-        frames.frames_detected,
-        frames.frames_missed,
-        frames.frames_blocked,
-        item.feature_id,
-        item.watch_id,
-        item.candidate_id,
-        *(item.covariance_m2 or (None, None, None)),
-        message.map_sequence,
-        report.sensor_model,
-        report.software_version,
-        report.fleet_id,
-        item.valid,
-        item.trusted,
-        item.archived,
     )

@@ -13,7 +13,7 @@ from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_server.aggregation import log as worker_log
-from slamcu_server.aggregation.resolve import ClaimedMessage
+from slamcu_server.aggregation.log import ClaimedMessage
 
 
 class Outcome(StrEnum):
@@ -32,6 +32,7 @@ class LogEntry:
     message_id: int
     body: bytes
     region: int = 0  # where it is from, for the order of work: `cells.region_at`
+    condensed: bytes | None = None  # what it reports: `condensed.condense`
 
     @property
     def key(self) -> tuple[str, int]:
@@ -111,9 +112,10 @@ class PostgresMessageLog:
     async def _insert(self, account_id: int, entries: Sequence[LogEntry]) -> set[tuple[str, int]]:
         result = await self._connection.execute(
             text("""
-            INSERT INTO messages (account_id, session_id, message_id, sha256, body, region)
+            INSERT INTO messages (account_id, session_id, message_id, sha256, body, region, condensed)
             SELECT :account, new.* FROM unnest(CAST(:sessions AS text[]), CAST(:numbers AS bigint[]),
-                CAST(:hashes AS bytea[]), CAST(:bodies AS bytea[]), CAST(:regions AS bigint[])) AS new
+                CAST(:hashes AS bytea[]), CAST(:bodies AS bytea[]), CAST(:regions AS bigint[]),
+                CAST(:condensed AS bytea[])) AS new
             ON CONFLICT (account_id, session_id, message_id) DO NOTHING
             RETURNING session_id, message_id"""),
             {
@@ -123,6 +125,7 @@ class PostgresMessageLog:
                 "hashes": [entry.sha256 for entry in entries],
                 "bodies": [entry.body for entry in entries],
                 "regions": [entry.region for entry in entries],
+                "condensed": [entry.condensed for entry in entries],
             },
         )
         return {(row.session_id, row.message_id) for row in result}

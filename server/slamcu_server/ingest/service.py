@@ -15,6 +15,7 @@ from slamcu_core.reports import ReportMessage
 from slamcu_core.sensoris import BatchItem, WireLimits, decode_batch
 from slamcu_core.sensoris.proto import data_pb2
 from slamcu_server.aggregation.cells import region_at
+from slamcu_server.aggregation.condensed import condense
 from slamcu_server.ingest import repository
 from slamcu_server.ingest.message_log import LogEntry, MessageLog, Outcome, PostgresMessageLog
 from slamcu_server.ingest.plausibility import implausible
@@ -32,6 +33,7 @@ class _Readable:
     index: int
     body: bytes
     report: ReportMessage
+    condensed: bytes
 
 
 async def ingest(
@@ -50,12 +52,11 @@ async def ingest(
     )
     try:
         # In a thread: a large batch takes long enough to make other requests wait.
-        items = await asyncio.to_thread(decode_batch, body, is_json=is_json, limits=limits)
+        items, readable = await asyncio.to_thread(_read, body, limits, is_json=is_json)
     except WireError as error:
         status = 413 if error.reason == "too-many-messages" else 400
         raise Problem(status, error.reason, error.message) from error
     rejected = [_unreadable(index, item) for index, item in enumerate(items) if item.report is None]
-    readable = [_Readable(index, item.body, item.report) for index, item in enumerate(items) if item.report is not None]
     accepted = duplicates = 0
     impossible = [
         _rejection(one, "too-many-finds", detail) for one in readable if (detail := implausible(one.report)) is not None
@@ -82,9 +83,19 @@ async def ingest(
     return result, len(items) + sum(len(one.report.passes) for one in readable)
 
 
+def _read(body: bytes, limits: WireLimits, *, is_json: bool) -> tuple[list[BatchItem], list[_Readable]]:
+    items = decode_batch(body, is_json=is_json, limits=limits)
+    return items, [
+        _Readable(index, item.body, item.report, condense(item.report))
+        for index, item in enumerate(items)
+        if item.report is not None
+    ]
+
+
 async def _log(log: MessageLog, account_id: int, messages: Sequence[_Readable]) -> list[Outcome]:
     entries = [
-        LogEntry(one.report.session_id, one.report.message_id, one.body, _region(one.report)) for one in messages
+        LogEntry(one.report.session_id, one.report.message_id, one.body, _region(one.report), one.condensed)
+        for one in messages
     ]
     return await log.append(account_id, entries)
 

@@ -19,6 +19,7 @@ from slamcu_core.geometry import LocalFrame
 from slamcu_core.hd_map import MapIdentity
 from slamcu_core.reports import DetectionStatus, Health, MapReference, MeasuredPosition, PassReport, ReportMessage
 from slamcu_core.sensoris import serialize_message
+from slamcu_server.aggregation.condensed import condense
 from slamcu_server.aggregation.policy import remember_policy
 from slamcu_server.aggregation.worker import BATCH_SIZE, drain
 from slamcu_server.ingest.message_log import LogEntry, PostgresMessageLog
@@ -49,6 +50,7 @@ class Town:
     map_id: int = 0
     _cars: dict[str, int] = field(default_factory=dict)
     _messages: dict[tuple[str, str], int] = field(default_factory=dict)
+    _logged: int = 0
 
     async def rows(self, query: str, **parameters: Any) -> list[Any]:
         async with self.engine.begin() as connection:
@@ -104,7 +106,7 @@ class Town:
         trusted: bool = True,
         **fields: Any,
     ) -> None:
-        """Log one message, as the ingest does; `fields` are further fields of the message."""
+        """Log one message, each other one as an older server does; `fields` are further fields of the message."""
         number = message_id or self._messages.get((car, session), 0) + 1
         self._messages[car, session] = number
         report = ReportMessage(
@@ -115,12 +117,15 @@ class Town:
             health=Health(trusted=trusted),
             **fields,
         )
-        await self.log(car, session, number, serialize_message(report))
+        self._logged += 1
+        condensed = condense(report) if self._logged % 2 else None
+        await self.log(car, session, number, serialize_message(report), condensed)
 
-    async def log(self, car: str, session: str, message_id: int, body: bytes) -> None:
+    async def log(self, car: str, session: str, message_id: int, body: bytes, condensed: bytes | None = None) -> None:
         account = await self.account(car)
         async with self.engine.begin() as connection:
-            await PostgresMessageLog(connection).append(account, [LogEntry(session, message_id, body)])
+            entry = LogEntry(session, message_id, body, condensed=condensed)
+            await PostgresMessageLog(connection).append(account, [entry])
 
     async def fuse(self, batch_size: int = BATCH_SIZE) -> None:
         await drain(self.engine, self.policy, batch_size)

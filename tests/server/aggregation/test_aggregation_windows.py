@@ -33,10 +33,9 @@ def quiet_features(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     counts: list[int] = []
     append = batch.quiet.append
 
-    async def counting(connection: Any, passes: Any, policy: Policy) -> frozenset[int]:
-        touched = {item.feature_id for item in passes if item.feature_id is not None}
-        loud = await append(connection, passes, policy)
-        counts.append(len(touched - loud))
+    async def counting(connection: Any, about: Any, *others: Any) -> frozenset[int]:
+        loud = await append(connection, about, *others)
+        counts.append(len(set(about.tolist()) - loud))
         return loud
 
     monkeypatch.setattr(batch.quiet, "append", counting)

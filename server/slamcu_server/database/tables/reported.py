@@ -37,6 +37,7 @@ messages = Table(
     Column("processed_at", DateTime(timezone=True)),
     Column("error", Text),
     Column("region", BigInteger, nullable=False, server_default=text("0")),  # where it is from; orders work, no more
+    Column("condensed", LargeBinary),  # what it reports, until it is fused: slamcu_server.aggregation.condensed
     UniqueConstraint("account_id", "session_id", "message_id"),
     CheckConstraint("state IN ('pending', 'fused', 'quarantined')", name="state"),
 )
