@@ -8,15 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.evidence import LAMBDA_MAX, masses_from_weights
-from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.table import FeatureTable, Kind, Sum
 
 Array = NDArray[np.float64]
 
 _LN_2 = float(np.log(2.0))
-_SCALE_ERROR = 0.06  # of our own speed; how fast a still sign may seem to move for errors of range
-_SLOWEST_MOVER = 0.5  # of our own speed; what moves along with traffic moves at least so fast
 _CERTAIN = 1.0 - 1e-6  # no view is more certain than this
+_LASTING = 0.99  # independent looks after the first, before something is there
 _PERSISTENCE = 0.2  # of the sensor's P_D; one real pass in a thousand falls below (Beta, four looks)
 
 
@@ -106,42 +104,12 @@ def classify(table: FeatureTable, rows: NDArray[np.intp], stands: NDArray[np.boo
     return state
 
 
-def stands_still(
-    table: FeatureTable, rows: NDArray[np.intp], own_speed: float, parameters: FilterParameters
-) -> NDArray[np.bool_]:
-    """Return whether rows have proven to stand still.
-
-    Signs painted on lorries look like signs. Each row keeps a weighted regression of its place along the road on
-    time; it is proven when its speed agrees with 0 (chi-square 9) and is ten times as likely to be that as the slowest
-    mover's.
-    A wrong scale of range looks like a speed in proportion to our own.
-    """
-    w, wt, wtt, wy, wty = table.track.take(rows, axis=0).T
-    spread = w * wtt
-    spread -= wt * wt
-    known = spread > 0.0
-    known &= table.hits[rows] >= parameters.minimum_hits
-    spread[~known] = 1.0
-    speed = w * wty
-    speed -= wt * wy
-    speed /= spread
-    np.abs(speed, out=speed)
-    variance = w / spread
-    variance += (_SCALE_ERROR * own_speed) ** 2
-    faster = np.maximum(max(parameters.mover_speed, _SLOWEST_MOVER * abs(own_speed)) - speed, 0.0)
-    speed *= speed
-    known &= speed < 9.0 * variance
-    faster *= faster
-    faster -= speed
-    known &= faster > 4.6 * variance
-    return np.asarray(known)
-
-
 def shows_itself(table: FeatureTable, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Return whether rows were detected about as often in their pass as a real feature would have been.
 
     Two painted signs one behind the other, or two reflections, can pass for one sign that stands still; but the place
-    between them stays empty.
+    between them stays empty. And what was seen for no longer than errors are correlated, as a reflection is, was seen
+    once.
     """
     hit, missed = table.looks_hit[rows], table.looks_missed[rows]
-    return np.asarray(hit >= _PERSISTENCE * table.nominal[rows] * (hit + missed))
+    return np.asarray(hit >= np.maximum(_PERSISTENCE * table.nominal[rows] * (hit + missed), _LASTING))

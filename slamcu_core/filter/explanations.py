@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 
 _CLEAR = 0.98  # share of an explanation that leaves no doubt
 _NEGLIGIBLE = 0.005  # share of one that need not be considered
+_LEAST = 1e-9  # share of something unknown
+_ROUNDS = 10  # of messages between detections and features; two do in most frames
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +74,27 @@ def in_doubt(score: Array) -> bool:
     return bool(((best > _NEGLIGIBLE) & (best < _CLEAR)).any())
 
 
+def exclusive(shares: Array) -> Array:
+    """Return shares (D, C) of features in detections, given that nothing is detected twice in a frame.
+
+    Two detections side by side tell together which of two things each of them is, where neither tells by itself. The
+    sum over all joint associations is taken by belief propagation, as good as exact (Williams and Lau 2014).
+    """
+    if (np.count_nonzero(shares > _NEGLIGIBLE, axis=0) < 2).all():
+        return shares
+    odds = shares / np.maximum(1.0 - shares.sum(axis=1, keepdims=True), _LEAST)
+    free = np.ones(shares.shape)  # odds that no other detection is of the feature, to any that is
+    for _ in range(_ROUNDS):
+        open_to = odds * free
+        claims = odds / (1.0 + open_to.sum(axis=1, keepdims=True) - open_to)
+        free = 1.0 / (1.0 + claims.sum(axis=0) - claims)
+    odds = odds * free
+    return np.asarray(odds / (1.0 + odds.sum(axis=1, keepdims=True)))
+
+
 def settle_on(shares: Array) -> tuple[NDArray[np.intp], Array]:
     """Return the feature that each of D detections is taken for, one to one, or -1, and how probable that is, (D,)."""
-    unknown = np.maximum(1.0 - shares.sum(axis=1), 1e-9)
+    unknown = np.maximum(1.0 - shares.sum(axis=1), _LEAST)
     columns = assign(np.log(np.maximum(shares, 1e-300)) - np.log(unknown)[:, None])
     certain = np.where(columns >= 0, shares[np.arange(len(columns)), columns], unknown)
     return columns, np.where(certain < _CLEAR, certain, 1.0)

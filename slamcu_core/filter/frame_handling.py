@@ -15,7 +15,7 @@ from slamcu_core.filter import existence
 from slamcu_core.filter.careful_update import Occasion, weigh_with_care
 from slamcu_core.filter.detectability import DetectionRate
 from slamcu_core.filter.detections import Seen
-from slamcu_core.filter.explanations import in_doubt, settle_on
+from slamcu_core.filter.explanations import exclusive, in_doubt, settle_on
 from slamcu_core.filter.frame_update import FrameUpdate
 from slamcu_core.filter.health import HealthMonitor
 from slamcu_core.filter.map_management import Instant, MapManagement
@@ -89,6 +89,7 @@ class FrameHandling:
                 share=now.share,
                 rng=self._rng,
             )
+            shares = exclusive(shares)
             columns, certain = settle_on(shares)
             seen = replace(seen, weight=-np.log1p(np.expm1(-seen.weight) * certain))
             unseen = np.ones(len(view.rows))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.filter import existence
+from slamcu_core.filter import existence, standing
 from slamcu_core.filter.detectability import DetectionRate
 from slamcu_core.filter.detections import Seen
 from slamcu_core.filter.ekf import birth_covariance
@@ -174,23 +174,17 @@ class MapManagement:
         table.sighted[rows] += sums.T
         own = (table.kind[rows] == Kind.NEW).nonzero()[0]
         if len(own):
-            self._track(rows[own], ahead_left[:, own], weight[own], now)
+            self._track(model, rows[own], seen, detections[own], now)
             self._vote(rows[own], seen, detections[own])
 
-    def _track(self, rows: Index, ahead_left: Array, weight: Array, now: Instant) -> None:
-        """Add sightings (2, A) of finds from the vehicle to the regressions that tell whether they stand still."""
-        table = self._table
-        since = now.t - table.born[rows]
+    def _track(self, model: SensorModel, rows: Index, seen: Seen, detections: Index, now: Instant) -> None:
+        """Note sightings (A,) of finds for whether they stand still."""
         # by dead reckoning, for a correction of the pose would look like motion
-        moved = (rotation(float(now.reckoned[2])) @ ahead_left).T + (now.reckoned[:2] - table.origin[rows])
-        moved *= table.axis[rows]
-        sums = np.empty((5, len(rows)))
-        sums[0] = weight
-        np.multiply(weight, since, out=sums[1])
-        np.multiply(sums[1], since, out=sums[2])
-        np.multiply(weight, moved[:, 0] + moved[:, 1], out=sums[3])
-        np.multiply(sums[3], since, out=sums[4])
-        table.track[rows] += sums.T
+        heading = rotation(float(now.reckoned[2]))
+        places = heading @ seen.ahead_left[:, detections] + now.reckoned[:2, None]
+        across = standing.road(self._table, rows, heading @ seen.toward[:, detections])
+        information = model.information(across, seen.measurement[:, detections], seen.noise[:, detections])
+        standing.track(self._table, rows, places, information, now.t)
 
     def _vote(self, rows: Index, seen: Seen, detections: Index) -> None:
         """Let detections that were read say what sign finds are."""
@@ -213,7 +207,7 @@ class MapManagement:
 
     def _proven(self, rows: Index) -> NDArray[np.bool_]:
         """Return whether finds have proven to be one thing that stands still."""
-        stands = existence.stands_still(self._table, rows, self._speed, self._parameters)
+        stands = standing.stands_still(self._table, rows, self._speed, self._parameters)
         return np.asarray(stands & existence.shows_itself(self._table, rows))
 
     def classify(self, rows: Index) -> NDArray[np.str_]:

@@ -44,7 +44,7 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     # regression of place along the road on time: does it stand still?
     "axis": (np.float64, (2,)),  # the road's direction and our place at birth, by dead reckoning
     "origin": (np.float64, (2,)),
-    "track": (np.float64, (5,)),  # Σw, Σwt, Σwt², Σwy, Σwty
+    "track": (np.float64, (9,)),  # Σ of xx, xy, yy of R⁻¹, of xx and xy with t, of xx with t², of R⁻¹z, of its x with t
 }
 
 

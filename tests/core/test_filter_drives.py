@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import pairwise
 
@@ -188,6 +189,31 @@ def test_a_sign_painted_on_a_lorry_is_never_new(lorry_speed: float) -> None:
     car, reports = run([], records())
     assert "new" not in states(car).values()
     assert reports == []
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_few_looks_at_a_sign_beside_the_road_prove_that_it_stands_still(seed: int) -> None:
+    coarse = replace(CAMERA, range_std_m=3.0)
+    rng = np.random.default_rng(seed)
+    car = SlamcuFilter(HDMap([]), replace(HEADER, sensors=(coarse,)), rng=rng)
+    car.feed(Odometry(0.0, SPEED, yaw_rate=0.0))
+    for step in range(1, 9):  # the speed of a thing is known by their ranges to 6 m/s, by their bearings to 2 m/s
+        x, y = 50.0 - 2.0 * step, 13.0
+        measured = float(np.hypot(x, y) + rng.normal(0.0, 3.5)), float(np.arctan2(y, x) + rng.normal(0.0, 0.005))
+        car.feed(
+            DetectionFrame(step / 10, "camera", (Detection("traffic_sign", range=measured[0], bearing=measured[1]),))
+        )
+    (found,) = car.features()
+    assert found.state == "new"
+
+
+def test_what_was_seen_for_no_longer_than_errors_are_correlated_is_not_new() -> None:
+    def show(_: int, distance: float, bearing: float, rng: np.random.Generator) -> Detection | None:
+        return seen(distance, bearing, rng) if 24.0 < distance < 29.0 else None
+
+    for seed in range(5):
+        car, reports = run([], drive([(100.0, 7.0)], show=show, seed=seed), seed)
+        assert (states(car), reports) == ({}, [])
 
 
 def test_a_watch_feature_is_reported_seen_or_missed_and_never_localized_on() -> None:

@@ -93,7 +93,7 @@ def never_pays(*_arguments: object) -> bool:
 
 
 def all_stand(table: Any, rows: Index, _speed: float, parameters: Any) -> NDArray[np.bool_]:
-    """Stand in for `existence.stands_still`: what was detected often enough is taken to stand still."""
+    """Stand in for `standing.stands_still`: what was detected often enough is taken to stand still."""
     return np.asarray(table.hits[rows] >= parameters.minimum_hits)
 
 

@@ -60,7 +60,7 @@ _ALL = (
     Variant(
         "moving_signs",
         "a find need not prove that it stands still",
-        swaps=((f"{CORE}.existence", "stands_still", parts.all_stand),),
+        swaps=((f"{CORE}.standing", "stands_still", parts.all_stand),),
         on_robots=False,
     ),
     Variant(
