@@ -32,6 +32,7 @@ class MapFeature:
     existence_confidence: float = 0.95  # λ_HD of eq. 3
     position_std_m: float = 0.15  # each axis
     tile_id: int = 0
+    moved_from: int | None = None  # of a watch feature: the object id of what would have moved to there
 
     @property
     def watched(self) -> bool:
@@ -67,6 +68,7 @@ class HDMap:
             if key in seen:
                 raise FormatError(f"two features have the id {feature.object_id}", field="id")
             seen.add(key)
+        self._disputed = frozenset(f.moved_from for f in self.features if f.watched and f.moved_from is not None)
         self.lonlat: NDArray[np.float64] = np.array([(f.lon, f.lat) for f in self.features], float).reshape(-1, 2)
         self._cells: dict[tuple[int, int], list[int]] = {}
         for index, cell in enumerate(map(tuple, np.floor(self.lonlat / _CELL_DEG).astype(int).tolist())):
@@ -77,6 +79,14 @@ class HDMap:
 
     def __iter__(self) -> Iterator[MapFeature]:
         return iter(self.features)
+
+    def is_disputed(self, feature: MapFeature) -> bool:
+        """Whether a feature of the map is believed to have moved: then vehicles do not localize on it."""
+        return not feature.watched and feature.object_id in self._disputed
+
+    def prior(self, feature: MapFeature) -> float:
+        """Return λ_HD of a feature (eq. 3): 0 for a watch feature, and for what a watch feature says has moved."""
+        return 0.0 if feature.watched or self.is_disputed(feature) else feature.existence_confidence
 
     def near(self, lon: float, lat: float, radius_m: float) -> NDArray[np.intp]:
         """Return the indices of the features in cells within `radius_m` of a place (a superset, sorted)."""

@@ -58,7 +58,7 @@ class ClassPolicy:
     pair_radius_m: float = 30.0  # m within which a deleted and a new one of the same type are one that moved
     pair_lateral_m: float = 8.0  # m of that across the way it faces: on the other side of the road is another one
     pair_days: float = 30.0  # days between the turn of evidence about the old place and the first find at the new one
-    pair_patience: int = 6  # contributors for a new one from which it waits no more for a deletion under way beside it
+    pair_patience: int = 6  # contributors for a new one from which it waits no more for a deletion under way nearby
 
     # What is known of contributors, no parameter and in no document; None: all count as if they had a record.
     trusts: Trusts | None = field(default=None, compare=False, repr=False)

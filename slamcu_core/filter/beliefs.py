@@ -106,7 +106,7 @@ class Beliefs:
     def _mapped(self, feature: MapFeature, index: int) -> FeatureEstimate:
         row, ledger = self._around.row_of(index), self._around.ledger
         if row is None:
-            prior = 0.0 if feature.watched else float(support(feature.existence_confidence))
+            prior = float(support(self._map.prior(feature)))
             f, a = prior + float(ledger.weight_for[index]), float(ledger.weight_against[index])
             state, passes = _map_state(f, a, watched=feature.watched), int(ledger.passes[index])
         else:

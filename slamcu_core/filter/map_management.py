@@ -199,7 +199,7 @@ class MapManagement:
     def supports(self, rows: Index) -> NDArray[np.bool_]:
         """Return whether rows are classed Normal or New (4.3.3), so that the car may localize on them (4.3.4)."""
         table, kind = self._table, self._table.kind[rows]
-        usable = existence.exists(table, rows) & (kind != Kind.WATCH)
+        usable = existence.exists(table, rows) & (kind != Kind.WATCH) & ~table.disputed[rows]
         own = (usable & (kind == Kind.NEW) & ~table.reported[rows]).nonzero()[0]
         if len(own):
             usable[own] = self._proven(rows[own])

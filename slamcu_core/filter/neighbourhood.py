@@ -90,7 +90,8 @@ class Neighbourhood:
         table.feature_class[rows] = [code(feature.feature_class) for feature in features]
         table.sign[rows] = [code(feature.sign) for feature in features]
         table.value[rows] = [code(feature.value) for feature in features]
-        table.prior[rows] = [0.0 if item.watched else support_of(item.existence_confidence) for item in features]
+        table.disputed[rows] = [self._map.is_disputed(feature) for feature in features]
+        table.prior[rows] = [support_of(self._map.prior(feature)) for feature in features]
         table.source[rows] = indices
         table.xy[rows] = self.frame.to_local(*self._map.lonlat[indices].T)
         variance = np.array([feature.position_std_m for feature in features]) ** 2

@@ -23,6 +23,7 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     "source": (np.intp, ()),  # index into the HD map; -1 for NEW
     "slot": (np.intp, ()),  # slot in the particles' arrays; -1 if none
     "alive": (np.bool_, ()),
+    "disputed": (np.bool_, ()),  # a feature of the map that may have moved: never localized on
     "reported": (np.bool_, ()),  # a NEW feature that the cloud has been told of
     "feature_class": (np.intp, ()),
     "sign": (np.intp, ()),  # code of the sign type; 0: not known
@@ -81,6 +82,7 @@ class FeatureTable:
     source: NDArray[np.intp]
     slot: NDArray[np.intp]
     alive: NDArray[np.bool_]
+    disputed: NDArray[np.bool_]
     reported: NDArray[np.bool_]
     feature_class: NDArray[np.intp]
     sign: NDArray[np.intp]

@@ -9,6 +9,7 @@ from slamcu_core.formats.geojson import FeatureCollection, PointFeature, point_t
 from slamcu_core.formats.labels import read_class, read_sign
 from slamcu_core.hd_map import HDMap, MapFeature, MapIdentity
 
+_MOVED = "moved"  # the kind of a watch feature that is what the map has elsewhere
 _DEFAULT = MapFeature(object_id=1, lon=0.0, lat=0.0)
 
 
@@ -85,6 +86,7 @@ def map_properties(feature: MapFeature) -> dict[str, object]:
         "existence_confidence": feature.existence_confidence,
         "position_std_m": feature.position_std_m,
         "tile_id": feature.tile_id or None,
+        **({} if feature.moved_from is None else {"kind": _MOVED, "replaces": feature.moved_from}),
     }
 
 
@@ -105,11 +107,18 @@ def _read_feature(point: PointFeature) -> MapFeature:
         ),
         position_std_m=properties.number_or("position_std_m", _DEFAULT.position_std_m, low=0.0),
         tile_id=_tile_id(point),
+        moved_from=_moved_from(point),
     )
 
 
 def _tile_id(point: PointFeature) -> int:
     return point.properties.integer("tile_id") if "tile_id" in point.properties else 0
+
+
+def _moved_from(point: PointFeature) -> int | None:
+    properties = point.properties
+    moved = _tile_id(point) < 0 and "replaces" in properties and properties.optional_text("kind") == _MOVED
+    return properties.integer("replaces", low=1) if moved else None
 
 
 def _read_identity(collection: FeatureCollection) -> MapIdentity:

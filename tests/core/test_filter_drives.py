@@ -331,6 +331,31 @@ def test_a_sign_that_moved_by_a_few_metres_is_missed_in_its_place_and_found_in_a
     assert all(missed.weight_for < missed.weight_against for (missed,), _, _ in checked)
 
 
+def test_nobody_localizes_on_a_sign_that_is_believed_to_have_moved() -> None:
+    moved = [feature(n, 30.0 * n, 6.0) for n in range(1, 7)]
+    watches = [
+        feature(n, 30.0 * n + 4.0, 6.0, tile_id=-1, position_std_m=0.3, moved_from=n) for n in range(1, 7)
+    ]  # fmt: skip
+
+    def astray(features: list[MapFeature], seed: int) -> float:
+        signs = [(30.0 * n + 4.0, 6.0) for n in range(1, 7)]
+        car, _ = run(features, drive(signs, seed=seed, gnss=False), seed)
+        return float(np.hypot(*(FRAME.to_local(car.pose.lon, car.pose.lat) - [SPEED * car.pose.t, 0.0])))
+
+    dragged, free = ([astray(features, seed) for seed in range(3)] for features in (moved, [*moved, *watches]))
+    assert min(dragged) > 2.0
+    assert max(free) < 1.5
+    # nor does what is said of a sign that still stands keep anybody from seeing it
+    stands, said = feature(1, 100.0, 6.0), feature(9, 103.0, 6.0, tile_id=-1, position_std_m=0.3, moved_from=1)
+    others = [(20.0 * n, 6.0 * (-1) ** n) for n in (1, 2, 3, 4, 6, 7, 8, 9, 10)]
+    around = [feature(n, *place) for n, place in enumerate(others, start=2)]
+    for seed in range(3):
+        _, reports = run([stands, *around, said], drive([(100.0, 6.0), *others], seed=seed), seed)
+        (of_it,) = (r for r in reports if r.reference is not None and r.reference.object_id == 1)
+        assert of_it.weight_for > max(3.0, of_it.weight_against)
+        assert all(r.weight_for < r.weight_against for r in reports if _watched(r))
+
+
 def _watched(report: PassReport) -> bool:
     return report.reference is not None and report.reference.watched
 

@@ -3,7 +3,8 @@
 Two halves are one `moved` or `modified` change once both stand. Before that nothing is held up that a provider needs:
 a deletion that stands is told as such, and becomes the other kind when the new half stands too. Only a new feature
 beside which a deletion is under way waits for it, because it always stands earlier (two contributors, and no prior to
-overcome), until `pair_patience` contributors have seen it.
+overcome), until `pair_patience` contributors have seen it; in the same place it is no second sign, and waits as long as
+the deletion is under way.
 """
 
 from __future__ import annotations
@@ -12,7 +13,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
+import numpy as np
+
 from slamcu_core.aggregation import ClassPolicy, Policy, kept_at
+from slamcu_server.aggregation.evidence import frame_at
 from slamcu_server.changes.belief import DENIED, Belief, Beliefs, Kind, Pair, State, masses
 from slamcu_server.changes.transitions import Claim, Published, Voice
 
@@ -62,7 +66,7 @@ def claims(voices: Voices, pairs: Iterable[Pair], known: Sequence[Published], po
         if _denied(feature, known) or _denied(candidate, known):
             continue  # the provider has spoken about one of them: the other speaks for itself
         confirmed = any(row.state is State.CONFIRMED for row in known if row.is_about(feature, candidate))
-        made.append(_together(one.kind, feature, candidate, waits=not confirmed and _waits(candidate, rules)))
+        made.append(_together(one.kind, feature, candidate, waits=not confirmed and _waits(feature, candidate, rules)))
         paired |= {(True, one.feature_id), (False, one.candidate_id)}
     for mapped, held in ((True, voices.features), (False, voices.candidates)):
         made += [_alone(held[key]) for key in sorted(held) if (mapped, key) not in paired]
@@ -91,8 +95,11 @@ def _closing(claim: Claim, policy: Policy) -> float:
     return policy.for_class(claim.leading.belief.feature_class).closing_mass
 
 
-def _waits(candidate: Voice, rules: ClassPolicy) -> bool:
-    return candidate.belief.contributors_for < rules.pair_patience
+def _waits(feature: Voice, candidate: Voice, rules: ClassPolicy) -> bool:
+    old, new = feature.belief, candidate.belief
+    frame = frame_at(old.lon, old.lat)
+    apart_m = float(np.hypot(*(frame.to_local(new.lon, new.lat) - frame.to_local(old.lon, old.lat))))
+    return new.contributors_for < rules.pair_patience or apart_m <= rules.match_radius_m
 
 
 def _denied(voice: Voice, known: Sequence[Published]) -> bool:

@@ -21,6 +21,7 @@ texts = st.text(st.characters(codec="utf-8", categories=("L", "N", "P")), min_si
 @st.composite
 def features(draw: st.DrawFn) -> MapFeature:
     feature_class = draw(st.sampled_from(sorted(FEATURE_CLASSES)))
+    tile_id = draw(st.integers(-(2**40), 2**40))
     return MapFeature(
         object_id=draw(st.integers(1, 2**63 - 1)),
         lon=draw(st.floats(-180.0, 180.0)),
@@ -32,7 +33,8 @@ def features(draw: st.DrawFn) -> MapFeature:
         heading_deg=draw(st.none() | st.floats(-360.0, 360.0)),
         existence_confidence=draw(st.floats(1e-9, 1.0)),
         position_std_m=draw(st.floats(0.0, 10.0)),
-        tile_id=draw(st.integers(-(2**40), 2**40)),
+        tile_id=tile_id,
+        moved_from=draw(st.none() | st.integers(1, 2**63 - 1)) if tile_id < 0 else None,
     )
 
 
@@ -134,3 +136,16 @@ def test_sign_names_are_of_signs_only(feature_of: Callable[..., Any], text_of: C
     read = list(read_hd_map([text_of(pole, unknown)]))
 
     assert (read[0].sign, read[0].value, read[1].sign) == ("anything", None, None)
+
+
+def test_only_what_has_moved_makes_a_map_feature_disputed(
+    feature_of: Callable[..., dict[str, Any]], text_of: Callable[..., str]
+) -> None:
+    text = text_of(
+        feature_of(1), feature_of(2), feature_of(3),
+        feature_of(1, tile_id=-3, kind="moved", replaces=2), feature_of(2, tile_id=-3, kind="modified", replaces=3),
+    )  # fmt: skip
+    hd_map = load_hd_map([text])
+    mapped = [feature for feature in hd_map if not feature.watched]
+    assert [hd_map.is_disputed(feature) for feature in mapped] == [False, True, False]
+    assert [hd_map.prior(feature) for feature in hd_map] == [0.95, 0.0, 0.95, 0.0, 0.0]

@@ -108,10 +108,16 @@ def test_a_half_that_was_rejected_leaves_the_other_to_itself() -> None:
 
 
 @pytest.mark.parametrize(
-    ("contributors", "kind", "state"), [(2, "moved", State.CANDIDATE), (6, "new", State.CONFIRMED)]
+    ("contributors", "metres", "kind", "state"),
+    [
+        (2, 9.0, "moved", State.CANDIDATE),
+        (6, 9.0, "new", State.CONFIRMED),
+        (6, 4.5, "moved", State.CANDIDATE),  # in the same place it is no second one
+    ],
 )
-def test_a_new_half_waits_for_so_many(contributors: int, kind: str, state: State) -> None:
-    about = [feature(10, weight=0.9, standing=False), candidate(20, contributors_for=contributors)]
+def test_a_new_half_waits_for_so_many(contributors: int, metres: float, kind: str, state: State) -> None:
+    there = {"lat": 48.9 + metres / 111_200.0}
+    about = [feature(10, weight=0.9, standing=False), candidate(20, contributors_for=contributors, **there)]
     assert summary(said(about, [], Pair(Kind.MOVED, 10, 20))) == [(None, kind, state)]
 
 

@@ -116,9 +116,23 @@ async def test_a_new_sign_waits_for_the_other_half_only_so_long(town: Any, repor
     await drive(town, reports, "doubt-1", 0.1)
     for number in range(town.policy.default.pair_patience):
         assert ("new", "confirmed") not in {entry[1:] for entry in await told(town)}
-        find = reports.find(3, 0, hours=1 + number, sign="SPEED_LIMIT")
+        find = reports.find(8, 0, hours=1 + number, sign="SPEED_LIMIT")
         await drive(town, reports, f"car-{number}", 1 + number, find, missed=False)
     assert (await told(town))[-1][1:] == ("new", "confirmed")
+
+
+async def test_what_stands_in_the_place_of_a_sign_in_doubt_is_no_second_one(town: Any, reports: Any) -> None:
+    await drive(town, reports, "doubt-0", 0)
+    await drive(town, reports, "doubt-1", 0.1)
+    hours = range(1, town.policy.default.pair_patience + 4)
+    for number in hours:
+        find = reports.find(3, 0, hours=number, sign="SPEED_LIMIT")
+        await drive(town, reports, f"car-{number}", number, find, missed=False)
+    assert [(row.kind, row.state) for row in await town.changes()] == [("moved", "candidate")]
+    for number in range(2):
+        await drive(town, reports, f"sure-{number}", hours[-1] + 1 + number)
+    assert [(row.kind, row.state) for row in await town.changes()] == [("moved", "confirmed")]
+    assert await rebuild.differences(town.engine, town.policy) == []
 
 
 async def test_two_changes_that_turn_out_to_be_one_are_joined_into_the_older(town: Any, reports: Any) -> None:
