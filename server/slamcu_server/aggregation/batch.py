@@ -7,6 +7,7 @@ wrote about its cells. The appending to the feed comes last, because all batches
 from __future__ import annotations
 
 import asyncio
+import random
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,7 +19,7 @@ from slamcu_core.aggregation import Policy
 from slamcu_server.aggregation import log, quiet, reads, windows
 from slamcu_server.aggregation.cells import Cell
 from slamcu_server.aggregation.condensed import read
-from slamcu_server.aggregation.locks import CELL_BUDGET, BeyondLockedCells, lock_cells, require_cells
+from slamcu_server.aggregation.locks import CELL_BUDGET, BeyondLockedCells, lock_cells, require_cells, try_cells
 from slamcu_server.aggregation.log import ClaimedMessage
 from slamcu_server.aggregation.lookups import Lookups, lookups, lookups_again
 from slamcu_server.aggregation.passes import StoredPass
@@ -30,6 +31,10 @@ from slamcu_server.retraction import marks
 from slamcu_server.trust.table import trusting
 
 Indices = NDArray[np.intp]
+
+_PATIENCE = 0.25
+"""How often a batch waits for the cells of its oldest message if another one holds them: no message is put off for
+long, and most batches wait for nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +63,7 @@ async def process_batch(engine: AsyncEngine, policy: Policy, *, limit: int, ids:
 
     Raises BatchError, with the messages it is about, for whatever went wrong after they were claimed.
     """
-    further: frozenset[Cell] = frozenset()
+    further: frozenset[Cell] | None = None  # None: nothing is waited for
     while True:
         claimed: list[ClaimedMessage] = []
         try:
@@ -66,7 +71,8 @@ async def process_batch(engine: AsyncEngine, policy: Policy, *, limit: int, ids:
                 claimed += await log.claim(connection, limit, ids)
                 return await _fuse(connection, claimed, policy, further) if claimed else Fused()
         except BeyondLockedCells as beyond:
-            further |= beyond.cells  # another try that holds these too, from the start, so that keys stay in order
+            # another try that holds these too, from the start, so that keys stay in order
+            further = beyond.cells | (further or frozenset())
         except Exception as error:
             if not claimed:
                 raise
@@ -81,7 +87,7 @@ async def quarantine(engine: AsyncEngine, message_id: int, reason: str) -> None:
 
 
 async def _fuse(
-    connection: AsyncConnection, claimed: Sequence[ClaimedMessage], policy: Policy, further: frozenset[Cell]
+    connection: AsyncConnection, claimed: Sequence[ClaimedMessage], policy: Policy, further: frozenset[Cell] | None
 ) -> Fused:
     retractions = await marks.hold(connection)
     policy = await trusting(connection, policy)
@@ -89,38 +95,54 @@ async def _fuse(
     known = await lookups(connection, reported)
     resolved, unresolvable = resolve(reported, known)
     reasons |= unresolvable
+    entries: list[feed.Entry] = []
     if resolved.messages:
-        taken, cells = within_budget(resolved, policy.lock_reach_m, CELL_BUDGET, further)
-        # Nobody sees these before the commit, so they need no lock: other batches fold meanwhile.
-        plain = await _store_plain(connection, taken, retractions=retractions)
-        await log.mark_fused(connection, (message.id for message in taken.reported.claimed))
-        await lock_cells(connection, cells)
-        # What candidates are may have changed while waiting: another batch can have merged them, a review
-        # accepted them.
+        resolved, cells = await _hold(connection, resolved, further, policy)
+        # What candidates are may have changed meanwhile: another batch can have merged them, a review accepted them.
         again = await lookups_again(connection, known)
         if again is not known:
-            taken = _looked_again(taken, again, cells, policy)
-        taken, stored, others = await _store_others(connection, taken, cells, policy, retractions=retractions)
+            resolved = _looked_again(resolved, again, cells, policy)
+        await log.mark_fused(connection, (message.id for message in resolved.reported.claimed))
+        plain = await _store_plain(connection, resolved, retractions=retractions)
+        resolved, stored, others = await _store_others(connection, resolved, cells, policy, retractions=retractions)
         added = np.concatenate([plain, stored])
-        added = added[(taken.feature_id[added] > 0) & ~taken.archived[added]]
-        records = windows.of_columns(taken, added)
-        loud = await quiet.append(connection, taken.feature_id[added], records, again.features, policy)
+        added = added[(resolved.feature_id[added] > 0) & ~resolved.archived[added]]
+        records = windows.of_columns(resolved, added)
+        loud = await quiet.append(connection, resolved.feature_id[added], records, again.features, policy)
         beliefs = await refold(connection, Touched(loud, *_candidates(others, again)), cells, policy)
         entries = await feed.publish(connection, beliefs, policy)
-    else:
-        entries = []
     await log.quarantine(connection, reasons)
     await feed.append(connection, entries)
-    return Fused(taken.messages if resolved.messages else 0, len(reasons))
+    return Fused(resolved.messages, len(reasons))
+
+
+async def _hold(
+    connection: AsyncConnection, resolved: Resolved, further: frozenset[Cell] | None, policy: Policy
+) -> tuple[Resolved, frozenset[Cell]]:
+    """Return the messages to fuse now, and their cells, which are held.
+
+    Where nothing is waited for, messages that another batch is in the way of stay in the log: there is other work.
+    Raises BeyondLockedCells, to wait for them, if there is not, and now and then if the oldest is among them.
+    """
+    taken, cells = within_budget(resolved, policy.lock_reach_m, CELL_BUDGET, further or frozenset())
+    if further is not None or len(cells) > CELL_BUDGET:
+        await lock_cells(connection, cells)
+        return taken, cells
+    held = await try_cells(connection, cells)
+    if held == cells:
+        return taken, cells
+    message, keys = taken.keys(policy.lock_reach_m)
+    free = np.ones(taken.messages, bool)
+    free[message[~np.isin(keys, [cell.key for cell in held])]] = False
+    if not free.any() or (not free[0] and random.random() < _PATIENCE):  # noqa: S311  (no secret)
+        raise BeyondLockedCells(frozenset())
+    return taken.only(free), held
 
 
 def _looked_again(resolved: Resolved, known: Lookups, held: frozenset[Cell], policy: Policy) -> Resolved:
-    """Return what passes are about now that the cells are held.
-
-    Raises BeyondLockedCells, to start over, if a pass that is stored already counts otherwise than it did.
-    """
+    """Return what passes are about now that the cells are held. Raises BeyondLockedCells if it takes others."""
     now, reasons = resolve(resolved.reported, known)
-    if reasons or (now.archived != resolved.archived).any():
+    if reasons:
         raise BeyondLockedCells(frozenset())
     require_cells(frozenset(map(Cell.of_key, np.unique(now.keys(policy.lock_reach_m)[1]).tolist())), held)
     return now

@@ -35,6 +35,22 @@ async def lock_cells(connection: AsyncConnection, cells: frozenset[Cell]) -> Non
         )
 
 
+async def try_cells(connection: AsyncConnection, cells: frozenset[Cell]) -> frozenset[Cell]:
+    """Hold those of the cells, at most as many as the budget, that nobody else holds, and return them.
+
+    Who has tried waits for no cell after that, or two could wait for each other.
+    """
+    maps = sorted({map_key(cell.map_id) for cell in cells})
+    await connection.execute(
+        text("SELECT pg_advisory_xact_lock_shared(key) FROM unnest(CAST(:keys AS bigint[])) AS key"), {"keys": maps}
+    )
+    found = await connection.execute(
+        text("SELECT key FROM unnest(CAST(:keys AS bigint[])) AS key WHERE pg_try_advisory_xact_lock(key)"),
+        {"keys": lock_keys(cells)},
+    )
+    return frozenset(Cell.of_key(row.key) for row in found)
+
+
 async def lock_maps(connection: AsyncConnection) -> None:
     """Hold every map against everybody until the transaction ends."""
     await connection.execute(

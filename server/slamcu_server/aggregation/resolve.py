@@ -76,15 +76,15 @@ class Resolved:
         number, keys = keys_within(self.map_id[which], distinct[:, 1], distinct[:, 2], reach_m)
         return which[number], keys
 
-    def first(self, messages: int) -> Resolved:
-        """Return the first so many messages."""
-        if messages == self.messages:
+    def only(self, messages: NDArray[np.bool_]) -> Resolved:
+        """Return some messages, (M,)."""
+        if messages.all():
             return self
-        passes = self.reported.message < messages
+        passes = messages[self.reported.message]
         return Resolved(
-            self.reported.without(range(messages, self.messages)),
-            self.map_id[:messages],
-            self.map_sequence[:messages],
+            self.reported.without(np.flatnonzero(~messages).tolist()),
+            self.map_id[messages],
+            self.map_sequence[messages],
             self.feature_id[passes],
             self.watch_id[passes],
             self.candidate_id[passes],
@@ -250,7 +250,7 @@ def within_budget(
     fits = len(extra) + np.cumsum(added) <= budget
     taken = max(int(np.count_nonzero(np.cumprod(fits))), 1)
     held = np.unique(keys[message < taken])
-    return resolved.first(taken), extra | frozenset(map(Cell.of_key, held.tolist()))
+    return resolved.only(np.arange(resolved.messages) < taken), extra | frozenset(map(Cell.of_key, held.tolist()))
 
 
 def _distinct(table: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,0 +1,75 @@
+"""Batches keep out of each other's way: what another one is in the way of stays in the log until its turn comes."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from slamcu_server.aggregation import batch, rebuild
+from slamcu_server.aggregation.locks import lock_cells
+from slamcu_server.aggregation.refold import cells_of
+
+pytestmark = pytest.mark.anyio
+
+FAR_M = 5_000.0
+
+
+@pytest.fixture
+async def street(engine: Any, town: Any) -> Any:
+    """Two signs whose cells are different ones."""
+    made = type(town)(engine, source="street", policy=town.policy)
+    await made.import_map(((0.0, 0.0), (FAR_M, 0.0)))
+    return made
+
+
+async def cells_at(street: Any, object_id: int) -> Any:
+    [row] = await street.rows(
+        """SELECT v.map_id, ST_X(v.geom) AS lon, ST_Y(v.geom) AS lat FROM features f
+        JOIN feature_versions v ON v.feature_id = f.id WHERE f.object_id = :o AND f.map_id = :m""",
+        o=object_id,
+        m=street.map_id,
+    )
+    return cells_of([tuple(row)], street.policy)
+
+
+@pytest.mark.parametrize("busy", [1, 2])
+async def test_what_is_held_waits_and_the_rest_does_not(
+    street: Any, reports: Any, monkeypatch: pytest.MonkeyPatch, busy: int
+) -> None:
+    monkeypatch.setattr(batch, "_PATIENCE", 0.0)
+    for sign in (1, 2):
+        await street.report(f"car-{sign}", reports.seen(sign, hours=1))
+    async with street.engine.begin() as other:
+        await lock_cells(other, await cells_at(street, busy))
+        done = await asyncio.wait_for(batch.process_batch(street.engine, street.policy, limit=10), 20)
+        assert done.fused == 1
+        assert await street.feature_state(busy) is None
+        assert await street.feature_state(3 - busy) is not None
+    await street.fuse()
+    assert await street.feature_state(busy) is not None
+    assert await rebuild.differences(street.engine, street.policy) == []
+
+
+async def test_the_oldest_is_waited_for_in_the_end(street: Any, reports: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch, "_PATIENCE", 1.0)
+    for sign in (1, 2):
+        await street.report(f"car-{sign}", reports.seen(sign, hours=1))
+    async with street.engine.begin() as other:
+        await lock_cells(other, await cells_at(street, 1))
+        waiting = asyncio.create_task(batch.process_batch(street.engine, street.policy, limit=10))
+        finished, _ = await asyncio.wait([waiting], timeout=1.0)
+        assert not finished
+    assert (await asyncio.wait_for(waiting, 20)).fused == 2
+
+
+async def test_where_all_is_held_a_batch_waits(street: Any, reports: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch, "_PATIENCE", 0.0)
+    await street.report("car", reports.seen(1, hours=1))
+    async with street.engine.begin() as other:
+        await lock_cells(other, await cells_at(street, 1))
+        waiting = asyncio.create_task(batch.process_batch(street.engine, street.policy, limit=10))
+        finished, _ = await asyncio.wait([waiting], timeout=1.0)
+        assert not finished
+    assert (await asyncio.wait_for(waiting, 20)).fused == 1
