@@ -111,37 +111,78 @@ def _standing(
     for step in range(len(reached)):
         asking = np.flatnonzero(reached[step] & ~stands)
         if asking.size:
-            stands[asking] = _quorate(histories, weight, step + 1, asking, policy, quorum=quorum)
+            stands[asking] = _quorate(
+                histories, weight, step + 1, asking, policy, other=other, quorum=quorum, unanimous=True
+            )
         leaving = np.flatnonzero(stands & (mass[step] < policy.leave))
         if leaving.size:
-            stands[leaving] = ~_quorate(histories, other, step + 1, leaving, policy, quorum=policy.contributors_leave)
+            fewest = policy.contributors_leave
+            stands[leaving] = ~_quorate(
+                histories, other, step + 1, leaving, policy, other=weight, quorum=fewest, unanimous=False
+            )
         result[step] = stands
     return result
 
 
 def _quorate(
-    histories: Histories, weight: Array, steps: int, features: Indices, policy: ClassPolicy, *, quorum: int
+    histories: Histories,
+    weight: Array,
+    steps: int,
+    features: Indices,
+    policy: ClassPolicy,
+    *,
+    other: Array,
+    quorum: int,
+    unanimous: bool,
 ) -> Flags:
     """Say after a number of steps, for M features, whether enough contributors speak on a side.
 
-    Where none of them has a record it takes more of them, unless one alone decides anyway.
+    What two others have refuted since does not count: one may err, and one alone must not keep anything from standing.
+    Where none of them has a record it takes more of them, unless one alone decides anyway; if `unanimous` nobody at all
+    may have refuted these.
+
+    Parameters
+    ----------
+    weight, other : (K, N), of this side and of the other.
     """
-    speak = _speaking(histories, weight, steps, features, policy)
-    count = np.count_nonzero(speak, axis=1)
+    after_any, after_two = _refuted(histories, weight, steps, features, other=other, least=policy.contributor_weight)
+    step = np.arange(steps)[:, None]
+    kept = np.where(step >= after_two, weight[:steps, features], 0.0)
+    count = _count(_speaking(histories, kept, steps, features, policy))
     enough = count >= quorum
     if histories.proven is None or quorum == 1 or not enough.any():
         return np.asarray(enough)
-    known = _speaking(histories, np.where(histories.proven, weight, 0.0), steps, features, policy).any(axis=1)
+    proven = np.where(histories.proven[:steps, features], kept, 0.0)
+    known = _count(_speaking(histories, proven, steps, features, policy)) > 0
+    if unanimous:
+        kept = np.where(step >= after_any, kept, 0.0)
+        count = _count(_speaking(histories, kept, steps, features, policy))
     return np.asarray(enough & (known | (count >= quorum + policy.strangers_more)))
+
+
+def _refuted(
+    histories: Histories, weight: Array, steps: int, features: Indices, *, other: Array, least: float
+) -> tuple[Indices, Indices]:
+    """Return from which step on nobody on the other side has spoken, and nobody but one contributor; (M,) each."""
+    who, opposite = histories.contributor[:steps, features], other[:steps, features]
+    speaks = (opposite > weight[:steps, features]) & (opposite >= least)
+    after = np.where(speaks, np.arange(1, steps + 1)[:, None], 0)
+    any_ = after.max(axis=0)
+    last = np.take_along_axis(who, np.maximum(any_ - 1, 0)[None], axis=0)
+    return np.asarray(any_, np.intp), np.asarray(np.where(who == last, 0, after).max(axis=0), np.intp)
 
 
 def _contributors(histories: Histories, weight: Array, steps: int, features: Indices, policy: ClassPolicy) -> Indices:
     """Count after a number of steps, for M features, the contributors of whose weights enough is left in the fold."""
-    return np.asarray(np.count_nonzero(_speaking(histories, weight, steps, features, policy), axis=1), np.intp)
+    return _count(_speaking(histories, weight[:steps, features], steps, features, policy))
+
+
+def _count(speak: Flags) -> Indices:
+    return np.asarray(np.count_nonzero(speak, axis=1), np.intp)
 
 
 def _speaking(histories: Histories, weight: Array, steps: int, features: Indices, policy: ClassPolicy) -> Flags:
-    """Return (M, C), which contributors of M features still speak after a number of steps.
+    """Return (M, C), which contributors of M features still speak after a number of steps, of weights (steps, M).
 
     A contributor is counted while at least `contributor_weight` of what it said on that side is left: misses that
     everyone has forgotten must not help one car to a quorum.
@@ -149,7 +190,7 @@ def _speaking(histories: Histories, weight: Array, steps: int, features: Indices
     if not steps or not features.size:
         return np.zeros((features.size, 0), bool)
     forgotten = np.cumsum(histories.informativeness[:steps, features], axis=0)
-    left = policy.forgetting ** (forgotten[-1] - forgotten) * weight[:steps, features]
+    left = policy.forgetting ** (forgotten[-1] - forgotten) * weight
     who = histories.contributor[:steps, features]
     width = int(who.max()) + 1
     # a contributor that speaks twice has one sum

@@ -148,7 +148,7 @@ def fold(contributions: Iterable[Contribution], *, prior_weight: float, policy: 
     Along the way the change stands from the moment that its mass reaches `enter` with enough different contributors
     until the mass is below `leave` with enough of them on the other side. A contributor is counted while at least
     `contributor_weight` of what it said on that side is left: misses that everyone has forgotten must not help one car
-    to a quorum.
+    to a quorum; nor what two others have refuted since, or anybody, where nobody who speaks for a change has a record.
 
     Parameters
     ----------

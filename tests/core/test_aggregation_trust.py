@@ -94,6 +94,43 @@ def test_the_first_version_takes_nothing_back() -> None:
         assert all(now or not then for then, now in zip(stood, standing(after, side, *said), strict=True))
 
 
+def test_what_two_others_have_refuted_since_is_no_voice() -> None:
+    """It takes new voices then, however much the others say."""
+    refuted = [(1, -1.0), (2, -1.0), (3, -1.0), (8, 1.0), (9, 1.0)]
+    for known in (None, trusts(), trusts(c1=(1.0, True))):
+        policy = ClassPolicy(trusts=known)
+        assert not any(standing(policy, Side.DELETED, *refuted, *[(1, -1.0), (2, -1.0)] * 4))
+        assert standing(policy, Side.DELETED, *refuted, *[(1, -1.0), (2, -1.0), (4, -1.0), (5, -1.0)] * 2)[-1]
+
+
+def test_strangers_must_be_of_one_mind_and_those_with_a_record_may_lack_one() -> None:
+    nobody, one = ClassPolicy(trusts=trusts()), ClassPolicy(trusts=trusts(c5=(1.0, True)))
+    refuted = [(1, -1.0), (2, -1.0), (3, -1.0), (9, 1.0), (4, -1.0), (5, -1.0)]
+    assert not any(standing(nobody, Side.DELETED, *refuted, (6, -1.0)))
+    assert standing(one, Side.DELETED, *refuted)[-1]
+    assert standing(nobody, Side.DELETED, *refuted, (6, -1.0), (7, -1.0))[-1]
+
+
+def test_one_who_always_says_the_opposite_keeps_nothing_from_standing_or_falling() -> None:
+    policy = ClassPolicy(trusts=trusts(c1=(1.0, True)))
+    crowd = [(number % 9, -1.0) if number % 4 else (99, 1.0) for number in range(1, 40)]
+    assert standing(policy, Side.DELETED, *crowd)[-1]
+    fallen = standing(ClassPolicy(trusts=trusts()), Side.DELETED, *crowd, *[(who, -sign) for who, sign in crowd])
+    assert not fallen[-1]
+
+
+def test_cars_that_miss_it_now_and_then_do_not_take_back_what_others_see_in_between() -> None:
+    policy = ClassPolicy(trusts=trusts())
+    found = [PassEvidence(number, number * HOUR, FULL, 0.0) for number in range(5)]
+    missed = [PassEvidence(number, number * HOUR, 0.0, FULL) for number in range(5, 25)]
+    glimpsed = [PassEvidence(100 + item.contributor, item.ended_at + HOUR / 2, 0.6, 0.0) for item in missed]
+    stands = [
+        fold(contributions([*found, *said], policy), prior_weight=0.0, policy=policy, side=Side.NEW).standing
+        for said in (missed, missed + glimpsed)
+    ]
+    assert stands == [False, True]
+
+
 def test_where_one_car_decides_anyway_it_needs_no_record() -> None:
     single = ClassPolicy(contributors_new=1, enter=0.6, trusts=trusts())
     assert standing(single, Side.NEW, (1, 1.0)) == [True]

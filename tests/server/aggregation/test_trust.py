@@ -100,6 +100,26 @@ async def test_a_lost_car_is_gated_and_let_in_again_when_others_come_to_agree(ro
     assert (await road.feature_state(1)).passes == 15
 
 
+async def test_what_honest_cars_have_refuted_takes_new_voices_whatever_order_it_came_in(
+    road: Any, reports: Any
+) -> None:
+    """Three deny a sign, one sees it, one misses it: before any version, with a version, and told backwards."""
+    said = [*((liar, True) for liar in LIARS * 2), ("sees", False), ("misses", True), ("again", False)]
+    for feature, order in ((1, said), (2, said[::-1])):
+        for number, (car, lost) in sorted(enumerate(said), reverse=order != said):
+            say = reports.missed if lost else reports.seen
+            await road.report(car, say(feature, hours=float(number)), session=f"{number}", message_id=feature)
+            await road.fuse()
+            assert (await road.feature_state(feature)).standing is False
+    await renew(road)
+    assert {change.state for change in await road.changes()} <= {"candidate", "withdrawn"}
+    for number in range(4):
+        await road.report(f"later-{number}", reports.missed(1, hours=20.0 + number))
+        await road.fuse()
+        assert (await road.feature_state(1)).standing is (number == 3)
+    assert await rebuild.differences(road.engine, road.policy) == []
+
+
 async def test_a_find_by_strangers_waits_for_company_and_no_version_takes_it_back(road: Any, reports: Any) -> None:
     """It takes one more of them than of those who were right about finds, before the first version and after it."""
     places = [(40.0 + 150.0 * number, 9.0) for number in range(3)]
