@@ -13,7 +13,8 @@ from slamcu_core.hd_map import MapFeature
 from slamcu_eval.attack.cars import found, missed, position
 from slamcu_eval.attack.judging import Decision, Flip
 from slamcu_eval.attack.liars import ATTACKS, LIE
-from slamcu_eval.attack.run import TRUST_EVERY, Driver, Road, make_drivers, recompute_trust
+from slamcu_eval.attack.operator import Operator
+from slamcu_eval.attack.run import TRUST_EVERY, Driver, Road, make_drivers
 from slamcu_eval.attack.world import Truth, make_world
 from slamcu_eval.fleet import Cloud
 
@@ -45,8 +46,8 @@ def run_attacks(
     for name in names:
         figures[name] = {}
         for order in orders:
-            with Cloud(settings=_SETTINGS) as cloud:
-                figures[name][order] = _run(cloud, name, order, setting)
+            with Cloud(settings=_SETTINGS) as cloud, Operator(cloud) as operator:
+                figures[name][order] = _run(cloud, operator, name, order, setting)
             done(figures)
     return figures
 
@@ -54,20 +55,20 @@ def run_attacks(
 def run_honest(setting: Setting, done: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
     """Let a fleet without liars drive: first nobody has a record, then on another road with what each has earned."""
     rng = np.random.default_rng([setting.seed, 99])
-    with Cloud() as cloud:
+    with Cloud() as cloud, Operator(cloud) as operator:
         drivers = make_drivers(cloud, setting.vehicles, (), rng)
         figures: dict[str, Any] = {}
         for name in ("cold", "established"):
-            road = Road(cloud, make_world(name, COUNTS, rng), len(drivers))
+            road = Road(cloud, operator, make_world(name, COUNTS, rng), len(drivers))
             for number in rng.permutation(len(drivers)).tolist():
                 road.drive(drivers[number])
-            recompute_trust(cloud)
+            operator.recompute_trust()
             figures[name] = {**_flips(road.feed.flips, road.feed.standing), **_delays(road.feed.decisions)}
             done(figures)
     return figures
 
 
-def _run(cloud: Cloud, name: str, order: str, setting: Setting) -> dict[str, Any]:
+def _run(cloud: Cloud, operator: Operator, name: str, order: str, setting: Setting) -> dict[str, Any]:
     rng = np.random.default_rng([setting.seed, *name.encode(), *order.encode()])
     drivers = make_drivers(cloud, setting.vehicles, [ATTACKS[name]] * setting.colluding, rng)
     liars, others = drivers[: setting.colluding], drivers[setting.colluding :]
@@ -77,7 +78,8 @@ def _run(cloud: Cloud, name: str, order: str, setting: Setting) -> dict[str, Any
     else:
         first = liars * _LIARS_FIRST_ROUNDS
         after = others[:_AFTERWARDS]
-    road = Road(cloud, make_world(f"{name}-{order}", COUNTS, rng), len(first) + len(after), TRUST_EVERY[order])
+    world = make_world(f"{name}-{order}", COUNTS, rng)
+    road = Road(cloud, operator, world, len(first) + len(after), trust_every=TRUST_EVERY[order])
     for driver in first:
         road.drive(driver)
         if name == "flooding" and not driver.honest and driver.drives == 1:

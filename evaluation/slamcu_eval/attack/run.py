@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from slamcu_client import MapCache, Server
-from slamcu_core.aggregation import Policy
 from slamcu_core.errors import SlamcuError
 from slamcu_core.formats import write_hd_map
 from slamcu_core.hd_map import MapFeature
@@ -21,12 +19,9 @@ from slamcu_core.sensoris import join_batch, serialize_message
 from slamcu_eval.attack.cars import Car
 from slamcu_eval.attack.judging import Feed
 from slamcu_eval.attack.liars import Script, Sending, honest
+from slamcu_eval.attack.operator import Operator
 from slamcu_eval.attack.world import World
 from slamcu_eval.fleet import Cloud
-from slamcu_server.retraction.corrections import correct_all
-from slamcu_server.runtime import open_database
-from slamcu_server.settings import Settings
-from slamcu_server.trust.job import recompute
 
 BETWEEN = timedelta(minutes=24)
 """Between two cars: sixty of them a day."""
@@ -66,8 +61,8 @@ class Driver:
 class Road:
     """A world on a server, and the clock of those who drive there."""
 
-    def __init__(self, cloud: Cloud, world: World, drives: int, trust_every: int = 12) -> None:
-        self._cloud, self.world, self._trust_every = cloud, world, trust_every
+    def __init__(self, cloud: Cloud, operator: Operator, world: World, drives: int, *, trust_every: int = 12) -> None:
+        self._cloud, self._operator, self.world, self._trust_every = cloud, operator, world, trust_every
         path = cloud.scratch / f"{world.name}.geojson"
         path.write_text("".join(write_hd_map(world.identity, world.features())), encoding="utf-8")
         cloud.import_map(path)
@@ -86,12 +81,12 @@ class Road:
         with Server(self._cloud.url, driver.key) as server:
             sent = driver.script(driver.car, self.world, self._watches(server), self._now, self._name(driver))
             self._send(server, sent, answers=None if driver.honest else self.answers)
-        self._cloud.wait_until_fused(600.0)
+        self._operator.wait_until_fused(600.0)
         driver.drives += 1
         self._driven += 1
         self._now += BETWEEN
         if self._driven % self._trust_every == 0:
-            recompute_trust(self._cloud)
+            self._operator.recompute_trust()
         self.feed.read(honest=driver.honest)
 
     def flood(self, driver: Driver, passes: Sequence[Any], requests: int = 400) -> None:
@@ -153,18 +148,6 @@ class Road:
             reason = rejection["reason"]
             answers.refused[reason] = answers.refused.get(reason, 0) + 1
         return True
-
-
-def recompute_trust(cloud: Cloud) -> None:
-    """Do what `slamcu-server recompute-trust` does, without the start of a process."""
-
-    async def run() -> None:
-        settings = Settings(data_dir=cloud.data_dir, migrate_on_start=False)
-        async with open_database(settings, application_name="slamcu-eval") as engine:
-            await recompute(engine)
-            await correct_all(engine, Policy())
-
-    asyncio.run(run())
 
 
 def make_drivers(cloud: Cloud, count: int, scripts: Sequence[Script], rng: np.random.Generator) -> list[Driver]:

@@ -17,6 +17,7 @@ from slamcu_eval.attack.cars import Car
 from slamcu_eval.attack.experiment import COUNTS
 from slamcu_eval.attack.judging import Feed
 from slamcu_eval.attack.liars import ATTACKS, TARGETS, denying, honest, inventing
+from slamcu_eval.attack.operator import Operator
 from slamcu_eval.attack.run import Driver, Road
 from slamcu_eval.attack.world import FRAME, Truth, World, make_world
 from slamcu_eval.cli import run
@@ -113,14 +114,14 @@ def test_three_strangers_can_publish_what_honest_cars_then_take_back() -> None:
     """Against a real server: the experiment is able to find a flip, and to see it heal."""
     rng = np.random.default_rng(4)
     few = make_world("few", {Truth.UNCHANGED: 2, Truth.NEW: 1, Truth.EMPTY: 2}, rng)
-    with Cloud() as cloud:
+    with Cloud() as cloud, Operator(cloud) as operator:
         keys = cloud.create_keys("vehicle", 7)
         scripts = [*[inventing] * 3, *[honest] * 4]
         drivers = [
             Driver(Car(f"car-{number}", rng.spawn(1)[0]), key, script)
             for number, (key, script) in enumerate(zip(keys, scripts, strict=True))
         ]
-        road = Road(cloud, few, len(drivers))
+        road = Road(cloud, operator, few, len(drivers))
         for driver in drivers:
             road.drive(driver)
     assert [(flip.kind, flip.healed_after is not None) for flip in road.feed.flips] == [("new", True)] * 2
