@@ -17,6 +17,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from slamcu_core.aggregation import Policy
 from slamcu_server.aggregation import log, quiet, reads, windows
+from slamcu_server.aggregation.boxes import degrees
 from slamcu_server.aggregation.cells import Cell
 from slamcu_server.aggregation.condensed import read
 from slamcu_server.aggregation.locks import CELL_BUDGET, BeyondLockedCells, lock_cells, require_cells, try_cells
@@ -189,7 +190,7 @@ async def _match(
         for number, item in enumerate(passes)
         if item.place and item.feature_id is None and item.watch_id is None
     ]
-    nearby = await reads.features_near(connection, [place for _, place in unreferenced], reads.degrees(policy.reach_m))
+    nearby = await reads.features_near(connection, [place for _, place in unreferenced], degrees(policy.reach_m))
     sequence = resolved.reported.of_messages(resolved.map_sequence, np.int64)[chosen].tolist()
     for (number, _), near in zip(unreferenced, nearby, strict=True):
         feature = match_feature(passes[number], sequence[number], near, policy)

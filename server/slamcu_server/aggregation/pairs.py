@@ -15,7 +15,7 @@ from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.aggregation import Half, Policy, pair
-from slamcu_server.aggregation import reads
+from slamcu_server.aggregation.boxes import PROBE, both_sides, box, degrees
 from slamcu_server.aggregation.bulk import arrays, unnest
 from slamcu_server.aggregation.evidence import covariances, frame_at
 from slamcu_server.changes.belief import Belief, Kind, Pair, Subject, masses
@@ -38,7 +38,7 @@ def strong(held: Held, policy: Policy) -> dict[int, Place]:
 
 def pair_beliefs(features: Held, candidates: Held, policy: Policy) -> tuple[Pair, ...]:
     """Return which features and candidates are one change."""
-    reach = reads.degrees(policy.lock_reach_m)
+    reach = degrees(policy.lock_reach_m)
     deleted, new = _near(strong(features, policy), strong(candidates, policy), reach)
 
     def difference(feature: Half, candidate: Half) -> NDArray[np.float64] | None:
@@ -109,19 +109,19 @@ async def candidates_beside(
     connection: AsyncConnection, places: Iterable[Place], ids: Iterable[int], reach_m: float
 ) -> dict[int, Place]:
     """Return the open candidates near places, and those with these ids, each with its founding place."""
-    rows = [dict(zip(_PLACE_TYPES, place, strict=True)) for place in reads.both_sides(sorted(set(places)))]
+    rows = [dict(zip(_PLACE_TYPES, place, strict=True)) for place in both_sides(sorted(set(places)))]
     result = await connection.execute(
         text(f"""
         SELECT c.id, c.map_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat
         FROM (
             SELECT unnest(CAST(:ids AS bigint[])) AS id UNION
             SELECT near.id FROM {unnest(_PLACE_TYPES)} CROSS JOIN LATERAL (
-                SELECT id FROM candidates WHERE geom && {reads.box("r")} AND map_id = r.map_id
-                AND merged_into IS NULL AND feature_id IS NULL {reads.PROBE}) near
+                SELECT id FROM candidates WHERE geom && {box("r")} AND map_id = r.map_id
+                AND merged_into IS NULL AND feature_id IS NULL {PROBE}) near
         ) asked
         JOIN candidates c ON c.id = asked.id JOIN passes p ON p.id = c.founding_pass
         WHERE c.merged_into IS NULL AND c.feature_id IS NULL"""),  # noqa: S608  (constants)
-        {**arrays(_PLACE_TYPES, rows), "reach": reads.degrees(reach_m), "ids": sorted(set(ids))},
+        {**arrays(_PLACE_TYPES, rows), "reach": degrees(reach_m), "ids": sorted(set(ids))},
     )
     return {row.id: (row.map_id, row.lon, row.lat) for row in result}
 
@@ -132,16 +132,16 @@ async def features_beside(connection: AsyncConnection, places: Iterable[Place], 
     What could fade could be half of a change; so could, in rows that an older server wrote, what evidence prevails
     against.
     """
-    rows = [dict(zip(_PLACE_TYPES, place, strict=True)) for place in reads.both_sides(sorted(set(places)))]
+    rows = [dict(zip(_PLACE_TYPES, place, strict=True)) for place in both_sides(sorted(set(places)))]
     result = await connection.execute(
         text(f"""
         SELECT DISTINCT v.feature_id FROM {unnest(_PLACE_TYPES)}
         CROSS JOIN LATERAL (
-            SELECT feature_id FROM feature_versions WHERE geom && {reads.box("r")} AND map_id = r.map_id
-            AND to_sequence IS NULL {reads.PROBE}) v
+            SELECT feature_id FROM feature_versions WHERE geom && {box("r")} AND map_id = r.map_id
+            AND to_sequence IS NULL {PROBE}) v
         JOIN feature_states s ON s.feature_id = v.feature_id
             AND (s.fades_at IS NOT NULL OR s.weight_against > s.weight_for)"""),  # noqa: S608  (constants)
-        {**arrays(_PLACE_TYPES, rows), "reach": reads.degrees(reach_m)},
+        {**arrays(_PLACE_TYPES, rows), "reach": degrees(reach_m)},
     )
     return {row.feature_id for row in result}
 

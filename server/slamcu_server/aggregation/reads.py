@@ -11,6 +11,7 @@ from sqlalchemy import Row, text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.reports import DetectionStatus
+from slamcu_server.aggregation.boxes import PROBE, both_sides, box, degrees
 from slamcu_server.aggregation.bulk import arrays, unnest
 from slamcu_server.aggregation.passes import StoredPass
 from slamcu_server.aggregation.resolve import NearbyFeature
@@ -268,11 +269,6 @@ async def candidates_founded_by(connection: AsyncConnection, pass_ids: Iterable[
     return {row.founding_pass: KnownCandidate(row.id, row.founding_pass, row.merged_into) for row in found}
 
 
-def degrees(reach_m: float) -> float:
-    """Return metres as degrees of latitude, rounded up."""
-    return reach_m / 110_500.0
-
-
 def stored_pass(row: Row[tuple[object, ...]]) -> StoredPass:
     """Read a pass from its row."""
     return StoredPass(
@@ -295,27 +291,4 @@ def stored_pass(row: Row[tuple[object, ...]]) -> StoredPass:
         lon=row.lon,
         lat=row.lat,
         covariance_m2=None if row.cov_xx is None else (row.cov_xx, row.cov_xy, row.cov_yy),
-    )
-
-
-PROBE = "OFFSET 0"
-"""Ends a lateral subquery that is to be asked for every box: the planner, whose statistics are always of yesterday,
-would rather compare every box with everything there is."""
-
-
-def both_sides(places: Iterable[tuple[int, float, float]]) -> list[tuple[int, float, float]]:
-    """Return places and, for those near the antimeridian, the same place counted from its other side."""
-    both: list[tuple[int, float, float]] = []
-    for map_id, lon, lat in places:
-        both.append((map_id, lon, lat))
-        if abs(lon) > 179.0:
-            both.append((map_id, lon - 360.0 if lon > 0 else lon + 360.0, lat))
-    return both
-
-
-def box(alias: str) -> str:
-    """Return the SQL of a box of :reach degrees of latitude around a place; near the poles it is cut off at 89.9°."""
-    east = f":reach / greatest(cosd({alias}.lat), 0.0017)"
-    return (
-        f"ST_MakeEnvelope({alias}.lon - {east}, {alias}.lat - :reach, {alias}.lon + {east}, {alias}.lat + :reach, 4326)"
     )

@@ -10,7 +10,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.aggregation import Policy
 from slamcu_core.aggregation.agglomeration import compatible
-from slamcu_server.aggregation import reads
+from slamcu_server.aggregation.boxes import box, degrees
 from slamcu_server.aggregation.evidence import frame_at
 
 
@@ -35,9 +35,9 @@ async def absorbing_features(
             SELECT *, ST_X(geom) AS lon, ST_Y(geom) AS lat FROM candidates
             WHERE map_id = :map AND merged_into IS NULL AND feature_id IS NULL) r
         JOIN feature_versions v ON v.map_id = :map AND v.from_sequence = :sequence
-            AND v.evidence_sequence = :sequence AND v.feature_class = r.feature_class AND v.geom && {reads.box("r")}
+            AND v.evidence_sequence = :sequence AND v.feature_class = r.feature_class AND v.geom && {box("r")}
         JOIN features f ON f.id = v.feature_id"""),  # noqa: S608  (constants)
-        {"map": map_id, "sequence": sequence, "reach": reads.degrees(policy.reach_m)},
+        {"map": map_id, "sequence": sequence, "reach": degrees(policy.reach_m)},
     )
     nearest: dict[int, tuple[float, int, AbsorbingFeature]] = {}
     for row in result:
