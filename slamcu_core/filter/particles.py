@@ -236,22 +236,13 @@ class Particles:
         self.log_weight = np.zeros(count)
         self.pending = None
 
-    def select(self, index: NDArray[np.intp], slots: NDArray[np.intp] | None = None) -> None:
-        """Replace the particles by copies of those at `index` (M,), all of equal weight.
-
-        `slots` are those in use; the others need not be copied. None: all.
-        """
-        self.state = self.state[:, index]
-        if slots is None:
-            slots = np.arange(self.means.shape[1])
-        if len(slots):
-            self.means[:, slots] = self.means[:, slots[:, None], index]
-            self.covariances[:, slots] = self.covariances[:, slots[:, None], index]
-        self.gnss_bias = self.gnss_bias[:, index]
-        self.calibration = self.calibration[:, index]
-        self.grip = self.grip[index]
+    def select(self, index: NDArray[np.intp]) -> None:
+        """Replace the particles by copies of those at `index` (M,), all of equal weight."""
+        # several times faster than to index, and particles stay along memory
+        for name in ("state", "means", "covariances", "gnss_bias", "calibration", "grip"):
+            setattr(self, name, getattr(self, name).take(index, axis=-1))
         if self.pending is not None:
-            self.pending = self.pending[..., index]
+            self.pending = self.pending.take(index, axis=-1)
         self.log_weight = np.zeros(len(index))
 
     def collapse(self, slots: NDArray[np.intp]) -> tuple[Array, Array]:
