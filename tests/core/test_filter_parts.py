@@ -133,11 +133,25 @@ def test_the_jitter_keeps_mean_and_covariance_across_the_wrap_of_the_heading() -
     particles = _cloud(100, rng)
     particles.log_weight = -0.5 * (particles.state[0] - 2.0) ** 2
     mean, covariance = particles.mean_state()
+    covariance *= 0.99 / (1.0 - 1.0 / particles.effective)  # what uneven weights take from it
     assert resample(particles, 1.0, 0.4, rng)
     after_mean, after_covariance = particles.mean_state()
     std = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(wrap_angle(after_mean - mean) / std, 0.0, atol=1e-6)
     np.testing.assert_allclose(after_covariance / np.outer(std, std), covariance / np.outer(std, std), atol=1e-6)
+
+
+def test_weights_that_say_nothing_leave_the_cloud_as_wide_as_it_was() -> None:
+    kept = []
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        particles = _cloud(100, rng)
+        before = particles.mean_state()[1].diagonal()
+        for _ in range(60):
+            particles.log_weight = rng.standard_normal(100)
+            assert resample(particles, 0.9, 0.6, rng)
+        kept.append(particles.mean_state()[1].diagonal() / before)
+    assert np.mean(kept) == pytest.approx(1.0, abs=0.25)
 
 
 def test_what_hangs_on_the_path_moves_along_with_a_copy_that_is_spread() -> None:
