@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from slamcu_server.aggregation.boxes import PROBE
 from slamcu_server.aggregation.bulk import array, arrays, given, unnest
 from slamcu_server.aggregation.condensed import NAMES, WATCHED, Reported
 
@@ -119,8 +120,11 @@ async def _features(
         SELECT array_agg(f.map_id), array_agg(f.object_id), array_agg(f.id), array_agg(v.from_sequence),
             array_agg(v.evidence_sequence), array_agg(ST_X(v.geom)), array_agg(ST_Y(v.geom)),
             array_agg(v.feature_class), array_agg(v.existence_confidence)
-        FROM features f JOIN feature_versions v ON v.feature_id = f.id
-        WHERE f.map_id = ANY(CAST(:maps AS bigint[])) AND f.object_id = ANY({array("objects", "bigint")})"""),  # noqa: S608  (constants)
+        FROM unnest({array("objects", "bigint")}) AS r(object_id)
+        CROSS JOIN LATERAL (
+            SELECT map_id, object_id, id FROM features
+            WHERE map_id = ANY(CAST(:maps AS bigint[])) AND object_id = r.object_id {PROBE}) f
+        JOIN feature_versions v ON v.feature_id = f.id"""),  # noqa: S608  (constants)
         {"maps": map_ids, "objects": given("bigint", object_ids.tolist())},
     )
     columns = [column or () for column in found.one()]
