@@ -29,27 +29,11 @@ _NEVER = np.iinfo(np.int64).min
 Flags = NDArray[np.bool_]
 Ids = NDArray[np.int64]
 Times = NDArray[np.int64]
-
-
-_KINDS = {
-    "feature_id": "bigint",
-    "weight_for": "float8",
-    "weight_against": "float8",
-    "standing": "boolean",
-    "contributors_for": "integer",
-    "contributors_against": "integer",
-    "passes": "integer",
-    "looked": "bigint",
-    "blocked": "bigint",
-    "forgotten_looked": "bigint",  # of the expired passes
-    "forgotten_blocked": "bigint",
-    "last_seen": "timestamptz",  # POSIX microseconds, _NEVER where there is none
-    "last_looked": "timestamptz",
-    "last_informative": "timestamptz",
-}
-"""The columns of the table of beliefs that are folded here, and their types."""
-
 _DTYPES = {"bigint": "i8", "float8": "f8", "boolean": "?", "integer": "i4", "timestamptz": "i8"}
+_KINDS = {name: kind for name, kind in writes.FEATURE_TYPES.items() if kind in _DTYPES and name != "fades_at"}
+"""The columns of beliefs that are folded here, and their types: nothing of these fades. Times are POSIX microseconds,
+_NEVER where there is none; what is forgotten is of the expired passes."""
+
 _FOLDED = np.dtype(
     [
         *((name, _DTYPES[kind]) for name, kind in _KINDS.items()),

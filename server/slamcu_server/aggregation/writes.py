@@ -26,14 +26,17 @@ _BELIEF_TYPES = {
     "fades_at": "timestamptz",
     "policy_version": "text",
 }
-_FEATURE_TYPES = {
+_FORGOTTEN_TYPES = {"forgotten_looked": "bigint", "forgotten_blocked": "bigint"}
+FEATURE_TYPES = {
     "feature_id": "bigint",
     **_BELIEF_TYPES,
     "looked": "bigint",
     "blocked": "bigint",
     "passes_window": "bytea",
+    **_FORGOTTEN_TYPES,
 }
-_FORGOTTEN_TYPES = {"forgotten_looked": "bigint", "forgotten_blocked": "bigint"}
+"""The columns of `feature_states` that are written, and their types."""
+
 _CANDIDATE_TYPES = {
     **_BELIEF_TYPES,
     "first_seen": "timestamptz",
@@ -96,9 +99,8 @@ def candidate_row(fold: CandidateFold, policy_version: str) -> Row:
 
 async def upsert_feature_states(connection: AsyncConnection, rows: Mapping[int, Row]) -> None:
     """Write what is believed about map features, given by their ids."""
-    types = {**_FEATURE_TYPES, **_FORGOTTEN_TYPES}
     ordered = [{"feature_id": key, **rows[key]} for key in sorted(rows)]
-    await connection.execute(text(_upsert(unnest(types))), arrays(types, ordered))
+    await connection.execute(text(_upsert(unnest(FEATURE_TYPES))), arrays(FEATURE_TYPES, ordered))
 
 
 async def upsert_feature_columns(
@@ -107,7 +109,7 @@ async def upsert_feature_columns(
     """Write what is believed about map features of which nothing fades, given by columns and their windows."""
     if not windows:
         return
-    given = {name: kind for name, kind in {**_FEATURE_TYPES, **_FORGOTTEN_TYPES}.items() if name in columns}
+    given = {name: kind for name, kind in FEATURE_TYPES.items() if name in columns}
     # The table is empty whenever a transaction begins, and ends with the connection.
     await connection.execute(
         text(f"""
@@ -123,9 +125,9 @@ async def upsert_feature_columns(
 
 def _upsert(source: str) -> str:
     """Return the SQL that writes beliefs about map features out of a table with their columns."""
-    columns = ", ".join({**_FEATURE_TYPES, **_FORGOTTEN_TYPES})
+    columns = ", ".join(FEATURE_TYPES)
     updates = ", ".join(
-        [f"{name} = EXCLUDED.{name}" for name in _FEATURE_TYPES if name != "feature_id"]
+        [f"{name} = EXCLUDED.{name}" for name in FEATURE_TYPES if name not in {"feature_id", *_FORGOTTEN_TYPES}]
         + [f"{name} = feature_states.{name} + EXCLUDED.{name}" for name in _FORGOTTEN_TYPES]
     )
     return f"""

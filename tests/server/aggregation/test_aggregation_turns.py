@@ -34,6 +34,17 @@ async def cells_at(street: Any, object_id: int) -> Any:
     return cells_of([tuple(row)], street.policy)
 
 
+async def fused_after_waiting_for(street: Any, object_id: int) -> int:
+    """Hold a sign's cells, see that a batch waits for them, and return how many messages it then fuses."""
+    async with street.engine.begin() as other:
+        await lock_cells(other, await cells_at(street, object_id))
+        waiting = asyncio.create_task(batch.process_batch(street.engine, street.policy, limit=10))
+        finished, _ = await asyncio.wait([waiting], timeout=1.0)
+        assert not finished
+    done: batch.Fused = await asyncio.wait_for(waiting, 20)
+    return done.fused
+
+
 @pytest.mark.parametrize("busy", [1, 2])
 async def test_what_is_held_waits_and_the_rest_does_not(
     street: Any, reports: Any, monkeypatch: pytest.MonkeyPatch, busy: int
@@ -56,20 +67,10 @@ async def test_the_oldest_is_waited_for_in_the_end(street: Any, reports: Any, mo
     monkeypatch.setattr(batch, "_PATIENCE", 1.0)
     for sign in (1, 2):
         await street.report(f"car-{sign}", reports.seen(sign, hours=1))
-    async with street.engine.begin() as other:
-        await lock_cells(other, await cells_at(street, 1))
-        waiting = asyncio.create_task(batch.process_batch(street.engine, street.policy, limit=10))
-        finished, _ = await asyncio.wait([waiting], timeout=1.0)
-        assert not finished
-    assert (await asyncio.wait_for(waiting, 20)).fused == 2
+    assert await fused_after_waiting_for(street, 1) == 2
 
 
 async def test_where_all_is_held_a_batch_waits(street: Any, reports: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch, "_PATIENCE", 0.0)
     await street.report("car", reports.seen(1, hours=1))
-    async with street.engine.begin() as other:
-        await lock_cells(other, await cells_at(street, 1))
-        waiting = asyncio.create_task(batch.process_batch(street.engine, street.policy, limit=10))
-        finished, _ = await asyncio.wait([waiting], timeout=1.0)
-        assert not finished
-    assert (await asyncio.wait_for(waiting, 20)).fused == 1
+    assert await fused_after_waiting_for(street, 1) == 1
