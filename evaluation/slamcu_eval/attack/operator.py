@@ -7,7 +7,6 @@ start of a process for each hour, and counting everything that can be counted at
 from __future__ import annotations
 
 import asyncio
-import time
 from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Self
@@ -27,6 +26,7 @@ class Operator:
     """Work on a running server's database, as a context manager."""
 
     def __init__(self, cloud: Cloud) -> None:
+        self._cloud = cloud
         self._settings = Settings(data_dir=cloud.data_dir, migrate_on_start=False)
         self._runner = asyncio.Runner()
         self._stack = AsyncExitStack()
@@ -54,11 +54,7 @@ class Operator:
 
     def wait_until_fused(self, timeout_s: float) -> None:
         """Wait until everything that was acknowledged is fused; raise CloudError if it is not, or takes too long."""
-        deadline = time.monotonic() + timeout_s
-        while left := self._runner.run(self._pending()):
-            if time.monotonic() > deadline:
-                raise CloudError(f"{left} messages still wait to be fused after {timeout_s:g} s")
-            time.sleep(_POLL_S)
+        self._cloud.wait_until_fused(timeout_s, lambda: self._runner.run(self._pending()), _POLL_S)
 
     async def _recompute(self) -> None:
         await recompute(self._engine)
