@@ -1,4 +1,4 @@
-"""The detections of a frame as arrays: what is asked of them all is asked at once."""
+"""A frame: when and where it was taken, and its detections as arrays, of which all is asked at once."""
 
 from __future__ import annotations
 
@@ -14,6 +14,17 @@ from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """When and where a frame was taken."""
+
+    t: float  # s since the start of the drive
+    share: float  # of the frame's evidence that is its own
+    pose: Array  # (3,) mean of the particles
+    reckoned: Array  # (3,) pose by dead reckoning: it drifts, but never jumps
+    speed: float  # m/s
 
 
 @dataclass(frozen=True, slots=True)

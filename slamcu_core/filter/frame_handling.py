@@ -14,11 +14,11 @@ from slamcu_core.drive import Occluder
 from slamcu_core.filter import existence
 from slamcu_core.filter.careful_update import Occasion, weigh_with_care
 from slamcu_core.filter.detectability import DetectionRate
-from slamcu_core.filter.detections import Seen
+from slamcu_core.filter.detections import Instant, Seen
 from slamcu_core.filter.explanations import exclusive, in_doubt, settle_on
 from slamcu_core.filter.frame_update import FrameUpdate
 from slamcu_core.filter.health import HealthMonitor
-from slamcu_core.filter.map_management import Instant, MapManagement
+from slamcu_core.filter.map_management import MapManagement
 from slamcu_core.filter.neighbourhood import Neighbourhood
 from slamcu_core.filter.table import FeatureTable, Kind
 from slamcu_core.filter.view import Lookout, View

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.filter import existence, standing
 from slamcu_core.filter.detectability import DetectionRate
-from slamcu_core.filter.detections import Seen
+from slamcu_core.filter.detections import Instant, Seen
 from slamcu_core.filter.ekf import birth_covariance
 from slamcu_core.filter.neighbourhood import Neighbourhood
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
+from slamcu_core.filter.sightings import SightingNotes
 from slamcu_core.filter.table import FeatureTable, Kind, Sum
 from slamcu_core.filter.view import View
-from slamcu_core.geometry import rotation
 from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]
@@ -27,17 +25,6 @@ Index = NDArray[np.intp]
 
 _FULL_VIEW = 0.95  # probability of being seen if detected, of what the detection rate is learned from
 _ROUNDING_S = 1e-6  # of sums of times
-
-
-@dataclass(frozen=True, slots=True)
-class Instant:
-    """When and where a frame was taken."""
-
-    t: float  # s since the start of the drive
-    share: float  # of the frame's evidence that is its own
-    pose: Array  # (3,) mean of the particles
-    reckoned: Array  # (3,) pose by dead reckoning: it drifts, but never jumps
-    speed: float  # m/s
 
 
 class MapManagement:
@@ -48,7 +35,7 @@ class MapManagement:
     ) -> None:
         self._table, self._around, self._particles, self._parameters = table, around, particles, parameters
         self._speed = 0.0
-        self._votes: dict[int, Counter[tuple[int, int]]] = {}
+        self._notes = SightingNotes(table)
         self.open: set[int] = set()  # rows with an open pass
         self._none_ends_before = 0.0  # s: no pass can have lasted its gap until then
 
@@ -97,7 +84,7 @@ class MapManagement:
         if len(columns):
             hit_rows = rows[columns]
             table.hits[hit_rows] += 1
-            self._sight(model, hit_rows, seen, detections, now)
+            self._notes.add(model, hit_rows, seen, detections, now)
 
     def _learn_rates(
         self,
@@ -152,50 +139,6 @@ class MapManagement:
         ended: list[int] = rows[gone].tolist()
         return ended
 
-    def _sight(self, model: SensorModel, rows: Index, seen: Seen, detections: Index, now: Instant) -> None:
-        """Note where rows were seen, for their reports and for whether they stand still."""
-        table = self._table
-        here, heading = now.pose[:2], rotation(float(now.pose[2]))
-        measured, noise = seen.measurement[:, detections], seen.noise[:, detections]
-        ahead_left = seen.ahead_left[:, detections]
-        x, y = heading @ ahead_left + here[:, None]
-        toward = heading @ seen.toward[:, detections]
-        xx, xy, yy = model.information(toward, measured, noise)
-        weight = 1.0 / noise[0]
-        across = 1.0 / (np.maximum(measured[0], 1e-3) * noise[1])
-        sums = np.empty((13, len(rows)))  # in the order of the parts of `sighted`
-        sums[0], sums[1], sums[2], sums[3] = xx, xy, xy, yy
-        sums[4], sums[5] = xx * x + xy * y, xy * x + yy * y
-        sums[6] = weight
-        np.multiply(weight, here[:, None], out=sums[7:9])
-        np.multiply(weight * measured[0], toward, out=sums[9:11])
-        np.multiply(across, toward[::-1], out=sums[11:])
-        np.negative(sums[11], out=sums[11])
-        table.sighted[rows] += sums.T
-        own = (table.kind[rows] == Kind.NEW).nonzero()[0]
-        if len(own):
-            self._track(model, rows[own], seen, detections[own], now)
-            self._vote(rows[own], seen, detections[own])
-
-    def _track(self, model: SensorModel, rows: Index, seen: Seen, detections: Index, now: Instant) -> None:
-        """Note sightings (A,) of finds for whether they stand still."""
-        # by dead reckoning, for a correction of the pose would look like motion
-        heading = rotation(float(now.reckoned[2]))
-        places = heading @ seen.ahead_left[:, detections] + now.reckoned[:2, None]
-        across = standing.road(self._table, rows, heading @ seen.toward[:, detections])
-        information = model.information(across, seen.measurement[:, detections], seen.noise[:, detections])
-        standing.track(self._table, rows, places, information, now.t)
-
-    def _vote(self, rows: Index, seen: Seen, detections: Index) -> None:
-        """Let detections that were read say what sign finds are."""
-        if not seen.named:
-            return
-        for index in ((seen.sign[detections] > 0) | (seen.value[detections] > 0)).nonzero()[0].tolist():
-            row, detection = int(rows[index]), detections[index]
-            votes = self._votes.setdefault(row, Counter())
-            votes[int(seen.sign[detection]), int(seen.value[detection])] += 1
-            self._table.sign[row], self._table.value[row] = votes.most_common(1)[0][0]
-
     def supports(self, rows: Index) -> NDArray[np.bool_]:
         """Return whether rows are classed Normal or New (4.3.3), so that the car may localize on them (4.3.4)."""
         table, kind = self._table, self._table.kind[rows]
@@ -227,7 +170,7 @@ class MapManagement:
         places = self._put(model, seen, alone, slots, now)
         rows = table.take(len(alone))
         for row in rows.tolist():
-            self._votes.pop(row, None)  # of a find that had this row before and was left behind
+            self._notes.forget(row)  # of a find that had this row before and was left behind
         table.kind[rows], table.slot[rows] = Kind.NEW, slots
         table.feature_class[rows] = seen.feature_class[alone]
         table.sign[rows], table.value[rows] = seen.sign[alone], seen.value[alone]
@@ -240,7 +183,7 @@ class MapManagement:
         self._begin_passes(rows, now.t)
         table.pass_last[rows] = now.t
         table.detected[rows] = 1
-        self._sight(model, rows, seen, alone, now)
+        self._notes.add(model, rows, seen, alone, now)
         self._around.rows = np.concatenate([self._around.rows, rows])
 
     def follow_watched(self, model: SensorModel, seen: Seen, matched: tuple[Index, Index], now: Instant) -> None:
@@ -281,7 +224,7 @@ class MapManagement:
 
     def _forget(self, row: int) -> None:
         self.open.discard(row)
-        self._votes.pop(row, None)
+        self._notes.forget(row)
         self._table.release(row)
         self._around.rows = self._around.rows[self._around.rows != row]
 

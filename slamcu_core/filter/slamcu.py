@@ -16,36 +16,29 @@ from slamcu_core.filter.beliefs import Beliefs
 from slamcu_core.filter.beside import Beside
 from slamcu_core.filter.calibration import GnssBias, SensorCalibration
 from slamcu_core.filter.detectability import DetectionRate
-from slamcu_core.filter.detections import Seen, read_detections
+from slamcu_core.filter.detections import Instant, read_detections
 from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
 from slamcu_core.filter.frame_handling import FrameHandling, SensorAtWork
 from slamcu_core.filter.frame_update import FrameUpdate
 from slamcu_core.filter.health import HealthMonitor
-from slamcu_core.filter.map_management import Instant, MapManagement
+from slamcu_core.filter.map_management import MapManagement
 from slamcu_core.filter.neighbourhood import Neighbourhood
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.passes import PassReporter
 from slamcu_core.filter.prediction import Travel, predict
-from slamcu_core.filter.relocation import Memory, Motion, Sightings, agreement, same, search
+from slamcu_core.filter.recovery import Recovery
 from slamcu_core.filter.resampling import resample
 from slamcu_core.filter.riders import Riders
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
 from slamcu_core.filter.view import Lookout
-from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass, rotation
+from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass
 from slamcu_core.hd_map import HDMap
 from slamcu_core.models import SensorModel, advance, yaw_rate_from_steering
 from slamcu_core.reports import Health, PassReport
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-
-_MEMORY_S = 20.0  # s; dead reckoning is good for so long
-_SEARCH_INTERVAL_S = 2.0  # s between searches while in doubt
-_AGREEMENT = 5  # things seen that must fall on the map for a new pose ...
-_SHARE = 0.7  # ... and share of all that was seen ...
-_BETTER_BY = 3  # ... and so many more than from the old one
-_FITS = 0.6  # share of what was seen that fits the map from here, above which no other pose is asked for
 
 
 class SlamcuFilter:
@@ -123,9 +116,7 @@ class SlamcuFilter:
         self._speed = 0.0
         self._yaw_rate = 0.0
         self._travel = Travel()
-        self._memory = Memory(_MEMORY_S)
-        self._last_search = -np.inf
-        self._candidate: Motion | None = None
+        self._recovery = Recovery(self._table, self._particles, rng)
         self._riders = Riders()
         self._odometer = 0.0  # m
         self._reckoned = np.zeros(3)  # dead reckoning: drifts, but never jumps
@@ -224,57 +215,19 @@ class SlamcuFilter:
             now = Instant(record.t, share, pose, self._reckoned, self._speed)
             self._frames.take(sensor, view, seen, now)
             self._resample()
-            self._remember(sensor.model, seen, now)
-            if self._monitor.doubtful and record.t - self._last_search > _SEARCH_INTERVAL_S:
-                self._last_search = record.t
-                self._find_the_way_back()
+            self._recovery.remember(sensor.model, seen, now)
+            if self._monitor.doubtful:
+                self._find_the_way_back(now)
         else:
             self._particles.settle(self._rng)
         return self._close(self._management.out_of_view(record.t))
 
-    def _remember(self, model: SensorModel, seen: Seen, now: Instant) -> None:
-        if not seen.measurement.shape[1]:
-            return
-        place = (rotation(float(now.reckoned[2])) @ seen.ahead_left).T + now.reckoned[:2]
-        std = np.sqrt(seen.noise)
-        across = seen.measurement[0] * std[1] if model.has_bearing else 0.0
-        self._memory.add(Sightings(now.t, place, np.maximum(std[0], across), seen.feature_class, seen.sign))
-
-    def _find_the_way_back(self) -> None:
-        """Move the particles to where the last sightings fit the map, if they fit clearly better there."""
-        table, rows = self._table, self._around.rows
-        rows = rows[table.kind[rows] == Kind.MAP]
-        seen = self._memory.constellation()
-        if len(seen.place) < _AGREEMENT or len(rows) < _AGREEMENT:
-            return
-        signs = table.sign[rows]
-        fits = seen.feature_class[:, None] == table.feature_class[rows]
-        fits &= (seen.sign[:, None] == signs) | (seen.sign[:, None] == 0) | (signs == 0)
-        mean, _ = self._particles.mean_state()
-        reckoned = self._reckoned
-        here = Motion(float(mean[2] - reckoned[2]), np.zeros(2))
-        here = Motion(here.angle, mean[:2] - here.apply(reckoned[:2]))
-        before, self._candidate = self._candidate, None
-        explained = agreement(seen, here, table.xy[rows], fits)
-        if explained > _FITS * len(seen.place):
-            return  # in a crowd a search costs hundreds of steps
-        motion, agreed, rival = search(seen, table.xy[rows], fits)
-        needed = max(_AGREEMENT, _SHARE * len(seen.place), explained + _BETTER_BY, rival + 1)
-        if motion is None or agreed < needed or same(motion, here, reckoned[:2]):
-            return
-        self._candidate = motion
-        if before is None or not same(motion, before, reckoned[:2]):
-            return  # let the next search say it again: chance agreements do not last
-        std = float(seen.std.mean())
-        spread = float(np.hypot(*seen.place.std(axis=0)))
-        self._particles.restart(
-            motion.apply(reckoned[:2]), motion.angle + reckoned[2], std, std / max(spread, std), self._rng
-        )
-        self._management.start_over()
-        self._monitor.reset()
-        self._memory.clear()
-        self._candidate = None
-        self._around.refresh(motion.apply(reckoned[:2]), self._particles, force=True)
+    def _find_the_way_back(self, now: Instant) -> None:
+        place = self._recovery.find_the_way_back(now, self._around.rows)
+        if place is not None:
+            self._management.start_over()
+            self._monitor.reset()
+            self._around.refresh(place, self._particles, force=True)
 
     def _close(self, rows: list[int]) -> list[PassReport]:
         """End the passes of rows and report them."""

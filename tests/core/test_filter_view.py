@@ -19,7 +19,7 @@ from slamcu_core.drive import (
     Sensor,
     SensorKind,
 )
-from slamcu_core.filter import FeatureEstimate, FilterParameters, SlamcuFilter, view
+from slamcu_core.filter import FeatureEstimate, FilterParameters, SlamcuFilter, outline, view
 from slamcu_core.geometry import LocalFrame
 from slamcu_core.hd_map import HDMap, MapFeature
 
@@ -84,15 +84,15 @@ def test_what_is_given_up_by_the_mean_pose_could_not_have_mattered(
 
 def test_most_rows_of_a_dense_map_are_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     looked: list[tuple[int, int]] = []
-    sort = view.Lookout._put_close_ones_first
+    sort = outline.MeanLook.close_ones_first
 
-    def counted(self: view.Lookout, outline: view._Outline, *rest: object) -> object:
-        result = sort(self, outline, *rest)  # type: ignore[arg-type]  # passed on as they came
-        looked.append((result[0].mapped, outline.mapped))
+    def counted(self: outline.MeanLook, rows: outline.Outline, *rest: object) -> object:
+        result = sort(self, rows, *rest)  # type: ignore[arg-type]  # passed on as they came
+        looked.append((result[0].mapped, rows.mapped))
         return result
 
     monkeypatch.setattr(view, "_MANY", 0)
-    monkeypatch.setattr(view.Lookout, "_put_close_ones_first", counted)
+    monkeypatch.setattr(outline.MeanLook, "close_ones_first", counted)
     _drive(SensorKind.RANGE_BEARING, 90.0, 60.0)
     close, within_reach = np.sum(looked[-10:], axis=0)
     assert 0 < close < 0.8 * within_reach
