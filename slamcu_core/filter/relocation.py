@@ -82,29 +82,47 @@ class Memory:
         self._count = 0
 
     def constellation(self) -> Constellation:
-        """Merge sightings within three standard deviations of each other, and drop what was seen only once."""
+        """Merge sightings within three standard deviations of each other, and drop what was seen only once.
+
+        Each sighting joins what an earlier frame saw last beside it; no two of a frame are of one thing unless one was
+        there before.
+        """
         if not self._frames:
             none = np.zeros(0, dtype=np.intp)
             return Constellation(np.zeros((0, 2)), np.zeros(0), none, none)
-        place = np.concatenate([frame.place for frame in self._frames])[-_MOST:]
-        std = np.concatenate([frame.std for frame in self._frames])[-_MOST:]
-        kind = np.concatenate([np.stack([f.feature_class, f.sign], axis=1) for f in self._frames])[-_MOST:]
+        place = np.concatenate([frame.place for frame in self._frames])
+        std = np.concatenate([frame.std for frame in self._frames])
+        feature_class = np.concatenate([frame.feature_class for frame in self._frames])
+        sign = np.concatenate([frame.sign for frame in self._frames])
+        kind = feature_class * (int(sign.max()) + 1) + sign
+        x, y = place.T.copy()
+        variance = std * std
         group = np.empty(len(std), dtype=np.intp)
         latest = np.empty(len(std), dtype=np.intp)  # sighting of each group
-        groups = 0
-        for index in range(len(std)):
+        begin = groups = 0
+        for frame in self._frames:  # a frame at a time: one by one, thousands of them would take as long as many steps
+            end = begin + len(frame)
             last = latest[:groups]
-            near = np.hypot(*(place[last] - place[index]).T) < 3.0 * np.hypot(std[last], std[index])
-            near &= (kind[last] == kind[index]).all(axis=1)
-            group[index] = near.argmax() if near.any() else groups
-            groups = max(groups, int(group[index]) + 1)
-            latest[group[index]] = index
+            off_x, off_y = x[last] - x[begin:end, None], y[last] - y[begin:end, None]
+            near = off_x * off_x + off_y * off_y < 9.0 * (variance[last] + variance[begin:end, None])
+            near &= kind[last] == kind[begin:end, None]
+            joins = near.any(axis=1)
+            fresh = int(np.count_nonzero(~joins))
+            if groups:
+                group[begin:end] = near.argmax(axis=1)
+            group[begin:end][~joins] = groups + np.arange(fresh)
+            groups += fresh
+            latest[group[begin:end]] = np.arange(begin, end)
+            begin = end
         count = np.bincount(group)
         kept = count > 1
-        mean = np.stack([np.bincount(group, values) for values in (*place.T, std)]) / count
+        mean = np.stack([np.bincount(group, values) for values in (x, y, std)]) / count
         one = latest[:groups][kept]
         return Constellation(
-            mean[:2, kept].T.copy(), mean[2, kept] / np.sqrt(np.minimum(count[kept], 4)), kind[one, 0], kind[one, 1]
+            mean[:2, kept].T.copy(),
+            mean[2, kept] / np.sqrt(np.minimum(count[kept], 4)),
+            feature_class[one],
+            sign[one],
         )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slamcu_core.filter import relocation
-from slamcu_core.filter.relocation import Constellation, Motion, same, search
+from slamcu_core.filter.relocation import Constellation, Memory, Motion, Sightings, same, search
 
 
 def test_a_search_among_hundreds_of_things_finds_the_motion_and_ends_soon(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -29,3 +29,25 @@ def test_a_search_among_hundreds_of_things_finds_the_motion_and_ends_soon(monkey
     assert same(motion, truth, things.mean(axis=0))
     assert agreed > 30 > rival
     assert compared <= 2 * relocation._COMPARISONS
+
+
+def test_a_constellation_holds_each_thing_once_and_nothing_that_was_seen_once() -> None:
+    memory, rng = Memory(20.0), np.random.default_rng(1)
+    # two things a metre apart, a third of another sign between them, and clutter that never comes again
+    things, signs = np.array([[10.0, 2.0], [11.0, 2.0], [10.5, 2.0]]), np.array([1, 1, 2])
+    for frame in range(6):
+        seen = rng.random(3) < 0.8 if frame > 1 else np.ones(3, dtype=bool)
+        place = np.concatenate(
+            [things[seen] + rng.normal(0.0, 0.05, (int(seen.sum()), 2)), rng.uniform(50.0, 1e4, (1, 2))]
+        )
+        sign = np.append(signs[seen], 1)
+        memory.add(Sightings(float(frame), place, np.full(len(sign), 0.1), np.zeros(len(sign), dtype=np.intp), sign))
+    found = memory.constellation()
+    order = np.lexsort([found.place[:, 0], found.sign])
+    assert found.sign[order].tolist() == [1, 1, 2]
+    assert found.place[order] == pytest.approx(things, abs=0.15)
+    assert (found.std < 0.1).all()  # several sightings know it better than one
+
+
+def test_a_memory_without_sightings_has_no_constellation() -> None:
+    assert not len(Memory(20.0).constellation().place)
