@@ -61,6 +61,7 @@ def test_a_killed_server_comes_back_at_its_address_with_its_data(cloud: Cloud) -
     assert len(cloud.features("kept")) == 3
 
 
+@pytest.mark.usefixtures("ctrl_c")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_nothing_is_left_behind_when_the_evaluation_is_stopped(number: signal.Signals) -> None:
     script = (
