@@ -23,6 +23,7 @@ from slamcu_core.filter.frame_update import FrameUpdate
 from slamcu_core.filter.health import HealthMonitor
 from slamcu_core.filter.map_management import MapManagement
 from slamcu_core.filter.neighbourhood import Neighbourhood
+from slamcu_core.filter.outline import MeanLook
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.passes import PassReporter
@@ -124,7 +125,7 @@ class SlamcuFilter:
     def _install(self, model: SensorModel) -> SensorAtWork:
         codes = np.array([self._names.code(name) for name in model.sensor.classes], dtype=np.intp)
         parts = model, self._table, self._particles, self._calibration
-        lookout = Lookout(*parts, codes=codes, gate=self.parameters.gate)
+        lookout = Lookout(*parts, MeanLook(*parts, codes=codes, gate=self.parameters.gate))
         rates = DetectionRate(model.sensor.detection_probability, model.sensor.max_range_m)
         return SensorAtWork(model, lookout, FrameUpdate(*parts, self.parameters), codes, rates)
 

@@ -60,12 +60,10 @@ class Lookout:
         table: FeatureTable,
         particles: Particles,
         calibration: SensorCalibration,
-        *,
-        codes: Index,
-        gate: float,
+        from_mean: MeanLook,
     ) -> None:
         self._model, self._table, self._particles, self._calibration = model, table, particles, calibration
-        self._from_mean = MeanLook(model, table, particles, calibration, codes=codes, gate=gate)
+        self._from_mean = from_mean
         self._scratch = Scratch()
 
     def look(self, around: Index, cloud: Cloud, seen: Seen, occluders: tuple[Occluder, ...]) -> View | None:
