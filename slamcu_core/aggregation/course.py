@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Flags = NDArray[np.bool_]
 
+_HAS_LOOKED = 0.5  # informativeness from which a contribution knows more than it does not
+
 
 @dataclass(frozen=True, slots=True)
 class Histories:
@@ -97,12 +99,9 @@ def _standing(
     histories: Histories, course_for: Array, course_against: Array, policy: ClassPolicy, *, deleted: bool
 ) -> Flags:
     exists, not_exists, _ = masses_from_weights(course_for, course_against)
-    if deleted:
-        mass, quorum = not_exists, policy.contributors_deleted
-        weight, other = histories.weight_against, histories.weight_for
-    else:
-        mass, quorum = exists, policy.contributors_new
-        weight, other = histories.weight_for, histories.weight_against
+    mass, quorum = (not_exists, policy.contributors_deleted) if deleted else (exists, policy.contributors_new)
+    # a sign is missed now and then, and what is not there is hardly ever seen: only who misses can be outvoted
+    outvote = np.inf if deleted else 1
     reached = mass >= policy.enter
     result = np.zeros(reached.shape, bool)
     if not reached.any():
@@ -112,13 +111,12 @@ def _standing(
         asking = np.flatnonzero(reached[step] & ~stands)
         if asking.size:
             stands[asking] = _quorate(
-                histories, weight, step + 1, asking, policy, other=other, quorum=quorum, unanimous=True
+                histories, step + 1, asking, policy, sees=not deleted, quorum=quorum, outvote=outvote
             )
         leaving = np.flatnonzero(stands & (mass[step] < policy.leave))
         if leaving.size:
-            fewest = policy.contributors_leave
             stands[leaving] = ~_quorate(
-                histories, other, step + 1, leaving, policy, other=weight, quorum=fewest, unanimous=False
+                histories, step + 1, leaving, policy, sees=deleted, quorum=policy.contributors_leave, outvote=0
             )
         result[step] = stands
     return result
@@ -126,46 +124,52 @@ def _standing(
 
 def _quorate(
     histories: Histories,
-    weight: Array,
     steps: int,
     features: Indices,
     policy: ClassPolicy,
     *,
-    other: Array,
+    sees: bool,
     quorum: int,
-    unanimous: bool,
+    outvote: float,
 ) -> Flags:
     """Say after a number of steps, for M features, whether enough contributors speak on a side.
 
     What two others have refuted since does not count: one may err, and one alone must not keep anything from standing.
-    Where none of them has a record it takes more of them, unless one alone decides anyway; if `unanimous` nobody at all
-    may have refuted these.
+    Where none of them has a record it takes more of them, unless one alone decides anyway or none of them is a stranger
+    (`strangers_more` is 0); and yet more of them, if one has refuted them.
 
     Parameters
     ----------
-    weight, other : (K, N), of this side and of the other.
+    sees : whether the side is that of those who see it; else of those who miss it.
+    outvote : strangers that it takes more where one has refuted them.
     """
-    after_any, after_two = _refuted(histories, weight, steps, features, other=other, least=policy.contributor_weight)
+    after_any, after_two = _refuted(histories, steps, features, policy, sees=sees)
     step = np.arange(steps)[:, None]
+    weight = histories.weight_for if sees else histories.weight_against
     kept = np.where(step >= after_two, weight[:steps, features], 0.0)
     count = _count(_speaking(histories, kept, steps, features, policy))
     enough = count >= quorum
-    if histories.proven is None or quorum == 1 or not enough.any():
+    if histories.proven is None or quorum == 1 or not policy.strangers_more or not enough.any():
         return np.asarray(enough)
     proven = np.where(histories.proven[:steps, features], kept, 0.0)
     known = _count(_speaking(histories, proven, steps, features, policy)) > 0
-    if unanimous:
-        kept = np.where(step >= after_any, kept, 0.0)
-        count = _count(_speaking(histories, kept, steps, features, policy))
-    return np.asarray(enough & (known | (count >= quorum + policy.strangers_more)))
+    least = quorum + policy.strangers_more
+    undisputed = np.where(step >= after_any, kept, 0.0)
+    many = _count(_speaking(histories, undisputed, steps, features, policy)) >= least
+    return np.asarray(enough & (known | many | (count >= least + outvote)))
 
 
 def _refuted(
-    histories: Histories, weight: Array, steps: int, features: Indices, *, other: Array, least: float
+    histories: Histories, steps: int, features: Indices, policy: ClassPolicy, *, sees: bool
 ) -> tuple[Indices, Indices]:
-    """Return from which step on nobody on the other side has spoken, and nobody but one contributor; (M,) each."""
-    who, opposite = histories.contributor[:steps, features], other[:steps, features]
-    speaks = (opposite > weight[:steps, features]) & (opposite >= least)
+    """Return from which step on nobody has refuted who sees (or misses), and nobody but one contributor; (M,) each."""
+    who = histories.contributor[:steps, features]
+    f, a = histories.weight_for[:steps, features], histories.weight_against[:steps, features]
+    if sees:
+        # whose view was blocked but for a frame has missed nothing that counts, while a glimpse is a sight
+        speaks = (a > f) & (histories.informativeness[:steps, features] >= _HAS_LOOKED)
+    else:
+        speaks = (f > a) & (f >= policy.contributor_weight)
     after = np.where(speaks, np.arange(1, steps + 1)[:, None], 0)
     any_ = after.max(axis=0)
     last = np.take_along_axis(who, np.maximum(any_ - 1, 0)[None], axis=0)

@@ -47,7 +47,8 @@ class ClassPolicy:
     contributors_new: int = 2  # least number of contributors whose evidence for a new feature still weighs
     contributors_deleted: int = 3  # the same for evidence against a mapped feature
     contributors_leave: int = 2  # the same for evidence that makes what stands stand no longer
-    strangers_more: int = 1  # how many more than each of these it takes, if above 1, where none of them has a record
+    # how many more than each of these it takes, if above 1, where none of them has a record; 0: none is a stranger
+    strangers_more: int = 1
     contributor_weight: float = 0.1  # weight of evidence that a contributor must have left in the fold to be counted
     window: int = 64  # K, newest informative contributions that fold: 0.8⁶⁴ = 6e-7
     minimum_informativeness: float = 0.05  # w in [0, 1) below which a contribution has seen nothing

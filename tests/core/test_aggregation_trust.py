@@ -103,7 +103,34 @@ def test_what_two_others_have_refuted_since_is_no_voice() -> None:
         assert standing(policy, Side.DELETED, *refuted, *[(1, -1.0), (2, -1.0), (4, -1.0), (5, -1.0)] * 2)[-1]
 
 
-def test_strangers_must_be_of_one_mind_and_those_with_a_record_may_lack_one() -> None:
+def test_strangers_who_find_a_sign_outvote_one_who_misses_it_by_one_more() -> None:
+    nobody, one = ClassPolicy(trusts=trusts()), ClassPolicy(trusts=trusts(c3=(1.0, True)))
+    finds = [(1, 1.0), (2, 1.0), (9, -1.0), (3, 1.0), (4, 1.0)]
+    assert standing(nobody, Side.NEW, *finds) == [False, False, False, False, True]
+    assert standing(one, Side.NEW, *finds) == [False, False, False, True, True]
+    assert not any(standing(nobody, Side.NEW, *finds[:4], (8, -1.0), *finds[4:], (5, 1.0)))  # two have refuted it
+
+
+@pytest.mark.parametrize(("weight", "refutes"), [(0.6, False), (0.8, True)])
+def test_who_could_hardly_look_refutes_nobody(weight: float, refutes: bool) -> None:
+    """A truck hid all but a frame: then neither mass of the pass is more than what it does not know."""
+    policy = ClassPolicy(trusts=trusts())
+    found = [PassEvidence(number, 2.0 * number * HOUR, FULL, 0.0) for number in range(3)]
+    glimpse = PassEvidence(9, 3.0 * HOUR, 0.0, weight)
+    told = contributions([*found, glimpse], policy)
+    assert fold(told, prior_weight=0.0, policy=policy, side=Side.NEW).standing is not refutes
+
+
+def test_where_nobody_is_a_stranger_the_quorum_is_all_it_takes() -> None:
+    """A provider that knows its cars says so: then it needs no record of them either."""
+    known, alike = ClassPolicy(strangers_more=0, trusts=trusts()), ClassPolicy()
+    for side, sign in ((Side.NEW, 1.0), (Side.DELETED, -1.0)):
+        for said in ([1, 2, 3, 4], [1, -9, 2, 3, 4, 5], [1, 2, -9, 3, 4], [1, -8, 2, -9, 3, 4, 5, 6]):
+            passes = [(abs(who), sign if who > 0 else -sign) for who in said]
+            assert standing(known, side, *passes) == standing(alike, side, *passes)
+
+
+def test_strangers_must_be_of_one_mind_about_a_deletion_and_those_with_a_record_may_lack_one() -> None:
     nobody, one = ClassPolicy(trusts=trusts()), ClassPolicy(trusts=trusts(c5=(1.0, True)))
     refuted = [(1, -1.0), (2, -1.0), (3, -1.0), (9, 1.0), (4, -1.0), (5, -1.0)]
     assert not any(standing(nobody, Side.DELETED, *refuted, (6, -1.0)))
