@@ -7,6 +7,7 @@ one go. The numbers come from the same `discounted` and `fold_histories`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +31,16 @@ class PassColumns:
     weight_for: Array  # (P,), f >= 0
     weight_against: Array  # (P,), a >= 0
 
+    def take(self, chosen: Indices) -> PassColumns:
+        """Return some of the passes, given by their numbers."""
+        return PassColumns(
+            self.feature[chosen],
+            self.contributor[chosen],
+            self.ended_at[chosen],
+            self.weight_for[chosen],
+            self.weight_against[chosen],
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class FoldedColumns:
@@ -47,10 +58,9 @@ class FoldedColumns:
 
 @dataclass(frozen=True, slots=True)
 class _Contributions:
-    """The contributions of all features, in order of feature and contributor."""
+    """The contributions of all features, in order of feature, time, then contributor."""
 
     feature: Indices
-    code: Indices  # tells the contributors of one feature apart, from 0
     contributor: NDArray[np.int64]
     time: Array
     weight_for: Array  # discounted
@@ -81,19 +91,20 @@ def fold_columns(
     newest = _newest_informative(_contributions(passes, policy, trust), len(priors), policy)
     counts = np.bincount(newest.feature, minlength=len(priors))
     step = np.arange(len(newest.feature)) - np.repeat(np.cumsum(counts) - counts, counts)
-    place, shape = (step, newest.feature), (int(counts.max(initial=0)), len(priors))
+    shape = (int(counts.max(initial=0)), len(priors))
+    place = step * len(priors) + newest.feature
 
-    def table(values: Array | Indices | NDArray[np.bool_]) -> Array:
-        filled = np.zeros(shape)
-        filled[place] = values
+    def table(values: NDArray[Any], kind: type = float) -> NDArray[Any]:
+        filled: NDArray[Any] = np.zeros(shape, kind)
+        filled.ravel()[place] = values
         return filled
 
     histories = Histories(
         table(newest.weight_for),
         table(newest.weight_against),
         table(newest.informativeness),
-        table(newest.code).astype(np.intp),
-        None if policy.trusts is None else table(policy.trusts.records(newest.contributor, newest.time)).astype(bool),
+        table(_codes(newest.feature, newest.contributor), np.intp),
+        None if policy.trusts is None else table(policy.trusts.records(newest.contributor, newest.time), bool),
     )
     course = fold_histories(histories, priors, policy, deleted=deleted)
     times = np.full(len(priors), np.nan)
@@ -115,41 +126,82 @@ def fold_columns(
 
 def _contributions(passes: PassColumns, policy: ClassPolicy, trust: ArrayLike | None) -> _Contributions:
     """Sum the passes of each feature, contributor and epoch, and discount each sum once."""
-    order = np.lexsort((passes.ended_at, passes.contributor, passes.feature))
-    feature, contributor, time = passes.feature[order], passes.contributor[order], passes.ended_at[order]
-    if not order.size:
-        nothing = np.zeros(0)
-        return _Contributions(feature, feature, contributor, nothing, nothing, nothing, nothing)
-    epoch = np.floor(time / EPOCH_S)
-    other_feature = np.diff(feature, prepend=feature[0] - 1) != 0
-    other_contributor = other_feature | (np.diff(contributor, prepend=contributor[0]) != 0)
-    begins = np.flatnonzero(other_contributor | (np.diff(epoch, prepend=epoch[0]) != 0))
-    ends = np.append(begins[1:], order.size) - 1
-    number = np.cumsum(other_contributor)
-    code = number - np.repeat(number[other_feature], np.diff(np.append(np.flatnonzero(other_feature), order.size)))
     if trust is None and policy.trusts is not None:
         trust = policy.trust * policy.trusts.shares(passes.contributor)
-    f, a, w = discounted(
-        np.add.reduceat(passes.weight_for[order], begins),
-        np.add.reduceat(passes.weight_against[order], begins),
-        policy.trust if trust is None else np.broadcast_to(np.asarray(trust, float), order.shape)[order][begins],
-        policy,
+    alpha = np.broadcast_to(np.asarray(policy.trust if trust is None else trust, float), passes.feature.shape)
+    if not _in_order(passes):
+        order = np.lexsort((passes.contributor, passes.ended_at, passes.feature))
+        passes, alpha = passes.take(order), alpha[order]
+    summed, last = _summed(passes)
+    return _Contributions(
+        summed.feature,
+        summed.contributor,
+        summed.ended_at,
+        *discounted(summed.weight_for, summed.weight_against, alpha if last is None else alpha[last], policy),
     )
-    return _Contributions(feature[begins], code[begins], contributor[begins], time[ends], f, a, w)
+
+
+def _in_order(passes: PassColumns) -> bool:
+    """Say whether passes come in order of feature, time, then contributor."""
+    feature, time, contributor = (np.diff(each) for each in (passes.feature, passes.ended_at, passes.contributor))
+    wrong = (feature < 0) | ((feature == 0) & ((time < 0.0) | ((time == 0.0) & (contributor < 0))))
+    return not wrong.any()
+
+
+def _summed(passes: PassColumns) -> tuple[PassColumns, Indices | None]:
+    """Sum what each contributor said of a feature within an epoch; its time is that of the latest pass.
+
+    Both are in order of feature, time, then contributor. So what may be one contribution stands together, and is
+    little. The second is which passes were the latest; None if all were.
+    """
+    epoch = np.floor(passes.ended_at / EPOCH_S)
+    follows = (np.diff(passes.feature) == 0) & (np.diff(epoch) == 0)
+    if not follows.any():
+        return passes, None
+    crowded = np.append(follows, False) | np.append(False, follows)
+    mine = np.flatnonzero(crowded)
+    mine = mine[np.lexsort((passes.ended_at[mine], passes.contributor[mine], epoch[mine], passes.feature[mine]))]
+    group = passes.take(mine)
+    other = (np.diff(group.feature) != 0) | (np.diff(epoch[mine]) != 0) | (np.diff(group.contributor) != 0)
+    begins = np.flatnonzero(np.append(True, other))
+    last = mine[np.append(begins[1:], len(mine)) - 1]
+    weight_for, weight_against = passes.weight_for.copy(), passes.weight_against.copy()
+    weight_for[last] = np.add.reduceat(group.weight_for, begins)
+    weight_against[last] = np.add.reduceat(group.weight_against, begins)
+    kept = ~crowded
+    kept[last] = True
+    table = PassColumns(passes.feature, passes.contributor, passes.ended_at, weight_for, weight_against)
+    return table.take(np.flatnonzero(kept)), np.flatnonzero(kept)
+
+
+def _codes(feature: Indices, contributor: NDArray[np.int64]) -> Indices:
+    """Return numbers from 0 that tell the contributors of one feature apart."""
+    if not len(feature):
+        return feature
+    number, count = contributor - contributor.min(), int(contributor.max()) - int(contributor.min()) + 1
+    if count > 2**62 // (int(feature[-1]) + 1):
+        number, count = np.unique(contributor, return_inverse=True)[1], len(feature)
+    key = feature * count + number
+    order = np.argsort(key)
+    feature, key = feature[order], key[order]
+    fresh = np.diff(key, prepend=-1) != 0
+    begins = np.flatnonzero(np.diff(feature, prepend=-1) != 0)
+    so_far = np.cumsum(fresh) - 1
+    codes = np.empty(len(order), np.intp)
+    codes[order] = so_far - np.repeat(so_far[begins], np.diff(np.append(begins, len(order))))
+    return codes
 
 
 def _newest_informative(items: _Contributions, features: int, policy: ClassPolicy) -> _Contributions:
-    """Return of each feature the newest K that saw something, in order of feature, time, then contributor."""
+    """Return of each feature the newest K that saw something, in the same order."""
     informative = np.flatnonzero(
         (items.informativeness > 0.0) & (items.informativeness >= policy.minimum_informativeness)
     )
-    order = informative[np.lexsort((items.time[informative], items.feature[informative]))]
-    counts = np.bincount(items.feature[order], minlength=features)
-    left = np.repeat(np.cumsum(counts), counts) - np.arange(order.size)  # from here to the feature's last, 1 for that
-    order = order[left <= policy.window]
+    counts = np.bincount(items.feature[informative], minlength=features)
+    left = np.repeat(np.cumsum(counts), counts) - np.arange(informative.size)  # from here to the feature's last: 1
+    order = informative[left <= policy.window]
     return _Contributions(
         items.feature[order],
-        items.code[order],
         items.contributor[order],
         items.time[order],
         items.weight_for[order],

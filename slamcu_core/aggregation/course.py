@@ -85,40 +85,44 @@ def fold_histories(histories: Histories, prior_weight: ArrayLike, policy: ClassP
         A = kept[step] * A + histories.weight_against[step]
         course_for[step], course_against[step] = F, A
 
-    everyone = np.arange(features)
+    left = _left(kept)
     return Course(
         course_for,
         course_against,
         _standing(histories, course_for, course_against, policy, deleted=deleted),
-        _contributors(histories, histories.weight_for, steps, everyone, policy),
-        _contributors(histories, histories.weight_against, steps, everyone, policy),
+        _count(_speaking(histories.contributor, left * histories.weight_for, policy)),
+        _count(_speaking(histories.contributor, left * histories.weight_against, policy)),
     )
 
 
 def _standing(
     histories: Histories, course_for: Array, course_against: Array, policy: ClassPolicy, *, deleted: bool
 ) -> Flags:
-    exists, not_exists, _ = masses_from_weights(course_for, course_against)
-    mass, quorum = (not_exists, policy.contributors_deleted) if deleted else (exists, policy.contributors_new)
+    quorum = policy.contributors_deleted if deleted else policy.contributors_new
     # a sign is missed now and then, and what is not there is hardly ever seen: only who misses can be outvoted
     outvote = np.inf if deleted else 1
+    result = np.zeros(course_for.shape, bool)
+    # A mass is at most 1 - exp(-weight): few of the features that are there can come to stand as deleted.
+    most = (course_against if deleted else course_for).max(axis=0, initial=0.0)
+    able = np.flatnonzero(most >= (1.0 - 1e-6) * -np.log1p(-policy.enter))
+    exists, not_exists, _ = masses_from_weights(course_for[:, able], course_against[:, able])
+    mass = not_exists if deleted else exists
     reached = mass >= policy.enter
-    result = np.zeros(reached.shape, bool)
     if not reached.any():
         return result
-    stands = np.zeros(reached.shape[1], bool)
+    stands = np.zeros(able.size, bool)
     for step in range(len(reached)):
         asking = np.flatnonzero(reached[step] & ~stands)
         if asking.size:
             stands[asking] = _quorate(
-                histories, step + 1, asking, policy, sees=not deleted, quorum=quorum, outvote=outvote
+                histories, step + 1, able[asking], policy, sees=not deleted, quorum=quorum, outvote=outvote
             )
         leaving = np.flatnonzero(stands & (mass[step] < policy.leave))
         if leaving.size:
             stands[leaving] = ~_quorate(
-                histories, step + 1, leaving, policy, sees=deleted, quorum=policy.contributors_leave, outvote=0
+                histories, step + 1, able[leaving], policy, sees=deleted, quorum=policy.contributors_leave, outvote=0
             )
-        result[step] = stands
+        result[step, able] = stands
     return result
 
 
@@ -144,18 +148,17 @@ def _quorate(
     outvote : strangers that it takes more where one has refuted them.
     """
     after_any, after_two = _refuted(histories, steps, features, policy, sees=sees)
-    step = np.arange(steps)[:, None]
-    weight = histories.weight_for if sees else histories.weight_against
-    kept = np.where(step >= after_two, weight[:steps, features], 0.0)
-    count = _count(_speaking(histories, kept, steps, features, policy))
+    step, who = np.arange(steps)[:, None], histories.contributor[:steps, features]
+    said = (histories.weight_for if sees else histories.weight_against)[:steps, features]
+    said = said * _left(policy.forgetting ** histories.informativeness[:steps, features])
+    said[step < after_two] = 0.0
+    count = _count(_speaking(who, said, policy))
     enough = count >= quorum
     if histories.proven is None or quorum == 1 or not policy.strangers_more or not enough.any():
         return np.asarray(enough)
-    proven = np.where(histories.proven[:steps, features], kept, 0.0)
-    known = _count(_speaking(histories, proven, steps, features, policy)) > 0
+    known = _count(_speaking(who, np.where(histories.proven[:steps, features], said, 0.0), policy)) > 0
     least = quorum + policy.strangers_more
-    undisputed = np.where(step >= after_any, kept, 0.0)
-    many = _count(_speaking(histories, undisputed, steps, features, policy)) >= least
+    many = _count(_speaking(who, np.where(step >= after_any, said, 0.0), policy)) >= least
     return np.asarray(enough & (known | many | (count >= least + outvote)))
 
 
@@ -176,28 +179,28 @@ def _refuted(
     return np.asarray(any_, np.intp), np.asarray(np.where(who == last, 0, after).max(axis=0), np.intp)
 
 
-def _contributors(histories: Histories, weight: Array, steps: int, features: Indices, policy: ClassPolicy) -> Indices:
-    """Count after a number of steps, for M features, the contributors of whose weights enough is left in the fold."""
-    return _count(_speaking(histories, weight[:steps, features], steps, features, policy))
-
-
 def _count(speak: Flags) -> Indices:
     return np.asarray(np.count_nonzero(speak, axis=1), np.intp)
 
 
-def _speaking(histories: Histories, weight: Array, steps: int, features: Indices, policy: ClassPolicy) -> Flags:
-    """Return (M, C), which contributors of M features still speak after a number of steps, of weights (steps, M).
+def _left(kept: Array) -> Array:
+    """Return (K, M), what the later ones leave of each contribution, of what each leaves of the older ones."""
+    left = np.ones_like(kept)
+    for step in range(len(kept) - 1, 0, -1):
+        np.multiply(left[step], kept[step], out=left[step - 1])
+    return left
+
+
+def _speaking(who: Indices, left: Array, policy: ClassPolicy) -> Flags:
+    """Return (M, C), which contributors of M features still speak, of what is left of each contribution, (K, M).
 
     A contributor is counted while at least `contributor_weight` of what it said on that side is left: misses that
     everyone has forgotten must not help one car to a quorum.
     """
-    if not steps or not features.size:
-        return np.zeros((features.size, 0), bool)
-    forgotten = np.cumsum(histories.informativeness[:steps, features], axis=0)
-    left = policy.forgetting ** (forgotten[-1] - forgotten) * weight
-    who = histories.contributor[:steps, features]
-    width = int(who.max()) + 1
+    if not left.size:
+        return np.zeros((left.shape[1], 0), bool)
+    features, width = left.shape[1], int(who.max()) + 1
     # a contributor that speaks twice has one sum
-    rows = np.arange(features.size) * width + who
-    sums = np.bincount(rows.ravel(), left.ravel(), minlength=features.size * width)
-    return np.asarray(sums.reshape(features.size, width) >= policy.contributor_weight)
+    rows = np.arange(features) * width + who
+    sums = np.bincount(rows.ravel(), left.ravel(), minlength=features * width)
+    return np.asarray(sums.reshape(features, width) >= policy.contributor_weight)

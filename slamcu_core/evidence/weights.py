@@ -77,7 +77,10 @@ def _weight(mass: Array, unknown: Array) -> Array:
     """Return ln(1 + mass / unknown); a ratio that leaves the range of a double is taken as a difference of logs."""
     with np.errstate(over="ignore"):
         ratio = mass / unknown
-    return np.asarray(np.where(np.isfinite(ratio), np.log1p(ratio), np.log(mass + unknown) - np.log(unknown)))
+    weight = np.asarray(np.log1p(ratio))
+    if (beyond := ~np.isfinite(ratio)).any():
+        weight = np.where(beyond, np.log(mass + unknown) - np.log(unknown), weight)
+    return weight
 
 
 def conflict(weight_for: ArrayLike, weight_against: ArrayLike) -> Array:

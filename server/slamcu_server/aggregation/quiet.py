@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,8 @@ _NEVER = np.iinfo(np.int64).min
 Flags = NDArray[np.bool_]
 Ids = NDArray[np.int64]
 Times = NDArray[np.int64]
+Counts = NDArray[np.intp]
+_AT_ONCE = 512  # features that are folded side by side: their windows stay in the processor's cache
 _DTYPES = {"bigint": "i8", "float8": "f8", "boolean": "?", "integer": "i4", "timestamptz": "i8"}
 _KINDS = {name: kind for name, kind in writes.FEATURE_TYPES.items() if kind in _DTYPES and name != "fades_at"}
 """The columns of beliefs that are folded here, and their types: nothing of these fades. Times are POSIX microseconds,
@@ -59,22 +62,17 @@ async def append(
     ids, counts = np.unique(about, return_counts=True)
     features = await reads.windowed_features(connection, dict(zip(ids.tolist(), counts.tolist(), strict=True)))
     feature_class, confidence = await _kinds(connection, features.id, known_features)
-    new_of = np.searchsorted(features.id, about)
-    known = windows.unpack(features.windows)
-    known_of = np.repeat(np.arange(len(features.id)), features.window_bytes // windows.RECORD.itemsize)
+    held = _Held(
+        windows.unpack(features.windows),
+        features.window_bytes // windows.RECORD.itemsize,
+        entries.take(np.argsort(about, kind="stable")),
+        counts,
+    )
     left = features.said | ~features.known
     loud, quiet, packed = [features.id[left]], [np.zeros(0, _FOLDED)], list[bytes]()
     for name in np.unique(feature_class[~left]).tolist():
-        chosen = ~left & (feature_class == name)
-        number = np.cumsum(chosen) - 1
-        old, new = chosen[known_of], chosen[new_of]
-        folded, mine = await asyncio.to_thread(
-            _fold,
-            np.concatenate([known[old], entries[new]]),
-            np.concatenate([number[known_of[old]], number[new_of[new]]]),
-            confidence[chosen],
-            policy.for_class(name),
-        )
+        chosen = np.flatnonzero(~left & (feature_class == name))
+        folded, mine = await asyncio.to_thread(_fold_all, held, chosen, confidence[chosen], policy.for_class(name))
         folded["feature_id"] = features.id[chosen]
         loud.append(folded["feature_id"][folded["speaks"]])
         quiet.append(folded[~folded["speaks"]])
@@ -116,15 +114,54 @@ async def _write(
     await writes.delete_passes_before(connection, dict(ends))
 
 
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """What is known about N features, and what is added: records that stand in the order of the features."""
+
+    known: windows.Records
+    known_counts: Counts  # (N,)
+    added: windows.Records
+    added_counts: Counts  # (N,), none is 0
+
+    def of(self, features: Counts) -> tuple[windows.Records, Counts]:
+        """Return the records of M features, given in ascending order, and the number (of M) that each is about."""
+        chosen, about = list[windows.Records](), list[Counts]()
+        for records, counts in ((self.known, self.known_counts), (self.added, self.added_counts)):
+            number = np.repeat(np.arange(len(features)), counts[features])
+            first = (np.cumsum(counts) - counts)[features]
+            before = np.cumsum(counts[features]) - counts[features]
+            chosen.append(records.take(np.arange(len(number)) + (first - before)[number]))
+            about.append(number)
+        return np.concatenate(chosen, dtype=windows.RECORD), np.concatenate(about)
+
+
+def _fold_all(
+    held: _Held, features: Counts, confidence: NDArray[np.float64], rules: ClassPolicy
+) -> tuple[NDArray[np.void], list[bytes]]:
+    """Fold features of one class; return (N,), and windows."""
+    folded, packed = list[NDArray[np.void]](), list[bytes]()
+    for begin in range(0, len(features), _AT_ONCE):
+        piece = slice(begin, begin + _AT_ONCE)
+        some, windows_of_some = _fold(*held.of(features[piece]), confidence[piece], rules)
+        folded.append(some)
+        packed += windows_of_some
+    return np.concatenate(folded), packed
+
+
 def _fold(
-    table: windows.Records, feature: NDArray[np.intp], confidence: NDArray[np.float64], rules: ClassPolicy
+    table: windows.Records, feature: Counts, confidence: NDArray[np.float64], rules: ClassPolicy
 ) -> tuple[NDArray[np.void], list[bytes]]:
     """Fold P passes over N features of one class, each about the feature of that number; return (N,), and windows."""
-    order = np.lexsort((table["ended_at"], feature))
-    table, feature = table[order], feature[order]
+    ended_at, contributor = table["ended_at"].astype(np.int64), table["contributor"].astype(np.int64)
+    order = _order(feature, ended_at, contributor)
+    table, feature, ended_at, contributor = table.take(order), feature[order], ended_at[order], contributor[order]
     state = fold_columns(
         PassColumns(
-            feature, table["contributor"], table["ended_at"] / 1e6, table["weight_for"], table["weight_against"]
+            feature,
+            contributor,
+            ended_at / 1e6,
+            table["weight_for"].astype(float),
+            table["weight_against"].astype(float),
         ),
         support(confidence),
         rules,
@@ -134,36 +171,42 @@ def _fold(
     full = state.folded == rules.window
     begin = np.full(len(confidence), _NEVER)
     begin[full] = np.floor(state.oldest[full] / EPOCH_S).astype(np.int64) * _EPOCH_US
-    expired = table["ended_at"] < begin[feature]
-    flags = table["flags"]
+    expired = ended_at < begin[feature]
+    flags = table["flags"].copy()
     looked = (flags & (windows.COUNTS | windows.BLOCKED)) == windows.COUNTS
     blocked = (flags & (windows.COUNTS | windows.BLOCKED)) == windows.COUNTS | windows.BLOCKED
-    last_seen = _last(feature, table["ended_at"], looked & (flags & windows.FOUND > 0), len(confidence))
+    first = np.searchsorted(feature, np.arange(len(confidence)))  # each has a pass
 
-    def count(chosen: Flags) -> NDArray[np.intp]:
-        return np.bincount(feature[chosen], minlength=len(confidence))
+    def count(chosen: Flags) -> Counts:
+        return np.add.reduceat(chosen, first, dtype=np.intp)
 
+    def last(chosen: Flags) -> Times:
+        return np.maximum.reduceat(np.where(chosen, ended_at, _NEVER), first)
+
+    last_seen = last(looked & (flags & windows.FOUND > 0))
     folded = np.zeros(len(confidence), _FOLDED)
     for name in ("weight_for", "weight_against", "standing", "contributors_for", "contributors_against"):
         folded[name] = getattr(state, name)
     folded["passes"] = count(~expired)
     folded["looked"], folded["blocked"] = count(looked & ~expired), count(blocked & ~expired)
     folded["forgotten_looked"], folded["forgotten_blocked"] = count(looked & expired), count(blocked & expired)
-    folded["last_seen"] = last_seen
-    folded["last_looked"] = _last(feature, table["ended_at"], looked, len(confidence))
+    folded["last_seen"], folded["last_looked"] = last_seen, last(looked)
     informed = ~np.isnan(state.last_informative)
     folded["last_informative"] = _NEVER
     folded["last_informative"][informed] = np.rint(state.last_informative[informed] * 1e6)
     folded["expired_before"] = np.where(count(expired) > 0, begin, _NEVER)
     folded["speaks"] = may_speak(state.weight_for, state.weight_against, state.standing, rules)
     folded["speaks"] |= (last_seen != _NEVER) & (last_seen < begin)
-    packed = windows.stored(table[~expired])
+    packed = windows.stored(table.take(np.flatnonzero(~expired)))
     ends = (windows.RECORD.itemsize * np.cumsum(folded["passes"])).tolist()
     return folded, [packed[begin:end] for begin, end in zip([0, *ends[:-1]], ends, strict=True)]
 
 
-def _last(feature: NDArray[np.intp], ended_at: Times, chosen: Flags, features: int) -> Times:
-    """Return (N,), the latest of the chosen times of each feature; times are in ascending order within a feature."""
-    latest = np.full(features, _NEVER)
-    latest[feature[chosen]] = ended_at[chosen]  # the last of each is written last
-    return latest
+def _order(feature: Counts, ended_at: Times, contributor: Ids) -> Counts:
+    """Return the order of feature, time, then contributor; what is in order but for a few is soon sorted."""
+    begin = ended_at.min()
+    key = feature * (ended_at.max() - begin + 1) + (ended_at - begin)
+    order = np.argsort(key, kind="stable")
+    if (np.diff(key[order]) == 0).any():
+        return np.lexsort((contributor, ended_at, feature))
+    return order

@@ -54,6 +54,17 @@ class WindowedFeatures:
     window_bytes: NDArray[np.int64]  # how long each is
     windows: bytes  # one after the other
 
+    def in_order(self) -> WindowedFeatures:
+        """Return the same in order of their ids: PostgreSQL would sort megabytes, which are nearly always in order."""
+        order = np.argsort(self.id)
+        if (order == np.arange(len(order))).all():
+            return self
+        ends = np.cumsum(self.window_bytes)
+        pieces = [self.windows[ends[at] - self.window_bytes[at] : ends[at]] for at in order.tolist()]
+        return WindowedFeatures(
+            self.id[order], self.said[order], self.known[order], self.window_bytes[order], b"".join(pieces)
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class KnownCandidate:
@@ -120,8 +131,7 @@ async def windowed_features(connection: AsyncConnection, added: Mapping[int, int
             FROM {unnest(types)}
             LEFT JOIN LATERAL (
                 SELECT feature_id, weight_for, weight_against, fades_at, passes_window, window_at, updated_at
-                FROM feature_states WHERE feature_id = r.id {PROBE}) s ON true
-            ORDER BY r.id) each"""),  # noqa: S608  (constants)
+                FROM feature_states WHERE feature_id = r.id {PROBE}) s ON true) each"""),  # noqa: S608  (constants)
         arrays(types, rows),
     )
     ids, said, known, window_bytes, windows = (column or () for column in found.one())
@@ -131,7 +141,7 @@ async def windowed_features(connection: AsyncConnection, added: Mapping[int, int
         np.array(known, bool),
         np.array(window_bytes, np.int64),
         windows or b"",
-    )
+    ).in_order()
 
 
 async def features_near(

@@ -28,8 +28,6 @@ RECORD = np.dtype(
 )
 """One pass: 33 bytes, of which a full window of 64 takes 2 kB. Stored as PostgreSQL's int8send and float8send do it."""
 
-_NATIVE = RECORD.newbyteorder("=")
-
 COUNTS, BLOCKED, FOUND = 1, 2, 4
 _BLOCKED = np.array([status is BLOCKED_STATUS for status in STATUSES])
 _FOUND = np.array([status in FOUND_STATUSES for status in STATUSES])
@@ -39,7 +37,7 @@ Records = NDArray[np.void]
 
 def pack(passes: Iterable[StoredPass]) -> Records:
     """Return passes as records, in the order given."""
-    return np.array([_record(item) for item in passes], _NATIVE)
+    return np.array([_record(item) for item in passes], RECORD)
 
 
 def of_columns(resolved: Resolved, chosen: NDArray[np.intp]) -> Records:
@@ -49,7 +47,7 @@ def of_columns(resolved: Resolved, chosen: NDArray[np.intp]) -> Records:
     trusted = np.array([one.trusted for one in reported.envelopes], bool)[message]
     counts = trusted & (records["flags"] & VALID > 0)
     blocked, found = _BLOCKED[records["status"]], _FOUND[records["status"]]
-    made = np.empty(len(chosen), _NATIVE)
+    made = np.empty(len(chosen), RECORD)
     made["ended_at"] = records["ended_at"]
     made["contributor"] = np.array([one.account_id for one in reported.claimed], np.int64)[message]
     for name in ("weight_for", "weight_against"):
@@ -66,12 +64,12 @@ def of_kept(passes: Iterable[StoredPass], expired: Collection[int]) -> bytes:
 
 def stored(entries: Records) -> bytes:
     """Return the window of one feature: its records, in any order."""
-    return bytes(entries.astype(RECORD).tobytes())
+    return entries.tobytes()
 
 
 def unpack(windows: bytes) -> Records:
     """Return the records of windows that stand one after the other."""
-    return np.frombuffer(windows, RECORD).astype(_NATIVE)
+    return np.frombuffer(windows, RECORD)
 
 
 def _record(item: StoredPass) -> tuple[int, int, float, float, int]:

@@ -9,6 +9,7 @@ from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_server.aggregation.binary import Column, copy, text_field
+from slamcu_server.aggregation.boxes import PROBE
 from slamcu_server.aggregation.bulk import arrays, unnest
 from slamcu_server.aggregation.evidence import Summary
 from slamcu_server.aggregation.folding import CandidateFold
@@ -114,7 +115,7 @@ async def upsert_feature_columns(
     await connection.execute(
         text(f"""
         CREATE TEMPORARY TABLE IF NOT EXISTS {_GIVEN} ({", ".join(f"{name} {kind}" for name, kind in given.items())},
-            passes_window bytea) ON COMMIT DELETE ROWS""")
+            passes_window bytea) WITH (toast_tuple_target = 8160) ON COMMIT DELETE ROWS""")
     )
     await copy(connection, _GIVEN, columns, ["passes_window"], [text_field(window) for window in windows])
     source = (
@@ -188,10 +189,12 @@ async def delete_passes(connection: AsyncConnection, ids: Iterable[int]) -> None
 async def delete_passes_before(connection: AsyncConnection, ends: Mapping[int, datetime]) -> None:
     """Forget the passes over map features that ended before a time of each, as `delete_passes` does by their ids."""
     types = {"id": "bigint", "end": "timestamptz"}
+    # an array, so that the passes are found by their index, however many are stored
     await connection.execute(
         text(f"""
-        DELETE FROM passes p USING {unnest(types)}
-        WHERE p.feature_id = r.id AND p.ended_at < r."end"
-          AND NOT p.archived AND p.retraction_id IS NULL"""),  # noqa: S608  (constants)
+        DELETE FROM passes WHERE id = ANY(ARRAY(
+            SELECT p.id FROM {unnest(types)} CROSS JOIN LATERAL (
+                SELECT id FROM passes WHERE feature_id = r.id AND ended_at < r."end"
+                AND NOT archived AND retraction_id IS NULL {PROBE}) p))"""),  # noqa: S608  (constants)
         arrays(types, [{"id": key, "end": ends[key]} for key in sorted(ends)]),
     )

@@ -137,3 +137,17 @@ async def test_a_sign_that_goes_speaks_up_after_a_long_silence(street: Any, repo
     await street.report("late", replace(reports.seen(5, hours=39.5), frames_detected=3))
     await street.fuse()
     assert await rebuild.differences(street.engine, street.policy) == []
+
+
+async def test_a_full_window_is_stored_as_it_is_and_forgets_what_leaves_it(town: Any, reports: Any) -> None:
+    window = town.policy.default.window
+    for number in range(window + 20):
+        await town.report(f"car-{number % 7}", reports.seen(1, hours=number))
+    await town.fuse(batch_size=16)
+    [stored] = await town.rows("""
+        SELECT octet_length(passes_window) AS length, pg_column_compression(passes_window) AS compressed, passes,
+               (SELECT count(*) FROM passes) AS kept, forgotten_looked FROM feature_states""")
+    assert stored.length == 33 * window
+    assert stored.compressed is None, "packing it takes longer than all else that the database does"
+    assert (stored.passes, stored.kept, stored.forgotten_looked) == (window, window, 20)
+    assert await rebuild.differences(town.engine, town.policy) == []
