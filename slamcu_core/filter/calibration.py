@@ -24,6 +24,17 @@ class GnssBias:
         self._start_variance = start_std**2
         self._variance: float | None = None
         self._time = 0.0
+        self.age = 0.0  # s for which the bias has been predicted
+        self.stationary = 0.0  # variance of the bias when nothing is known of it, by the last fix, m²
+
+    @property
+    def variance(self) -> float:
+        """Variance of the bias given a path, of each axis, m²; 0 before the first fix."""
+        return self._variance or 0.0
+
+    def keep(self, time: float) -> float:
+        """Return what share of the bias is left after a time (s)."""
+        return math.exp(-time / max(self._parameters.gnss_correlation_s, 1e-3))
 
     def _begin(self, particles: Particles, stationary: float) -> float:
         """Set out from what the start says of the bias, in place, and return the bias's variance.
@@ -42,13 +53,14 @@ class GnssBias:
         The weight has the tails of Student's t with 4 degrees of freedom, so that a reflected fix does little harm.
         """
         white = (self._parameters.gnss_white_share * std_m) ** 2
-        stationary = std_m**2 - white
+        self.stationary = std_m**2 - white
         if self._variance is None:
-            self._variance = self._begin(particles, stationary)
+            self._variance = self._begin(particles, self.stationary)
         else:
-            keep = np.exp(-(t - self._time) / max(self._parameters.gnss_correlation_s, 1e-3))
+            self.age += t - self._time
+            keep = self.keep(t - self._time)
             particles.gnss_bias *= keep
-            self._variance = keep**2 * self._variance + (1.0 - keep**2) * stationary
+            self._variance = keep**2 * self._variance + (1.0 - keep**2) * self.stationary
         self._time = t
         innovation = fix[:, None] - particles.state[:2] - particles.gnss_bias
         total = self._variance + white
@@ -66,15 +78,21 @@ class SensorCalibration:
     """
 
     def __init__(self, parameters: FilterParameters) -> None:
-        self._stationary = np.array([parameters.range_scale_std**2, parameters.bearing_bias_std**2])
+        self.stationary = np.array([parameters.range_scale_std**2, parameters.bearing_bias_std**2])
         self._time_constant = parameters.calibration_time_s
-        self.variance = self._stationary.copy()
+        self.variance = self.stationary.copy()
+        self.age = 0.0  # s for which the calibration has been predicted
+
+    def keep(self, time: float) -> float:
+        """Return what share of the calibration is left after a time (s)."""
+        return math.exp(-time / self._time_constant)
 
     def predict(self, particles: Particles, dt: float) -> None:
         """Let the calibration wander for `dt` seconds, in place."""
-        keep = math.exp(-dt / self._time_constant)
+        self.age += dt
+        keep = self.keep(dt)
         particles.calibration *= keep
-        self.variance = keep**2 * self.variance + (1.0 - keep**2) * self._stationary
+        self.variance = keep**2 * self.variance + (1.0 - keep**2) * self.stationary
 
     def measurement_variance(self, distance: Array) -> Array:
         """Return what the calibration adds to the variance of range and bearing, shape (2, ...), at ranges in m."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from slamcu_core.evidence import support_of
 from slamcu_core.filter.archive import FoundArchive, MapLedger
 from slamcu_core.filter.ekf import turned
+from slamcu_core.filter.hindsight import Hindsight
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
 from slamcu_core.geometry import LocalFrame
@@ -18,9 +19,10 @@ from slamcu_core.hd_map import HDMap
 Array = NDArray[np.float64]
 
 _STEP_M = 30.0  # how far the car may move before the neighbourhood is looked up again
-# Beyond the sensors' reach: a find this far away is collapsed to one Gaussian, earlier if half of the slots are taken.
-# Until then it profits from what corrects the pose: some 500 m of motorway bring the next signs of the map.
+# Beyond the sensors' reach: a find this far away leaves the particles at the latest, earlier if they hold many.
 _KEEP_M, _KEEP_CROWDED_M = 500.0, 150.0
+# And this far away it no longer follows what corrects the pose: it takes some signs of the map to know the pose well.
+_FOLLOW_M = 2_000.0
 _REANCHOR_M = 15_000.0  # the local frame is flat enough up to here
 
 
@@ -34,9 +36,11 @@ class Neighbourhood:
         frame: LocalFrame,
         names: Vocabulary,
         *,
+        hindsight: Hindsight,
         reach: float,
         kept_finds: int,
     ) -> None:
+        self._hindsight = hindsight
         self._table, self._map, self._names, self._reach = table, hd_map, names, reach
         self.frame = frame
         self.rows: NDArray[np.intp] = np.zeros(0, dtype=np.intp)  # the map's first; replaced, never changed in place
@@ -123,10 +127,10 @@ class Neighbourhood:
             table.slot[behind] = -1
         for row in own[~live & (distance < self._reach + 2.0 * _STEP_M)]:
             for slot in self.free_slots(particles)[:1]:
-                particles.means[:, slot] = table.xy[row][:, None]
-                particles.covariances[:, slot] = table.covariance[row][:, None]
-                table.slot[row] = slot
-        for row in own[(table.slot[own] < 0) & ~table.open[own] & far].tolist():
+                self._hindsight.recall(row, slot)
+        done = far & (table.slot[own] < 0) & ~table.open[own]
+        done &= (distance > self._reach + _FOLLOW_M) | ~self._hindsight.follows(own)
+        for row in own[done].tolist():
             self.found.put(table, row, self.frame)
         return np.asarray(own[table.slot[own] >= 0])
 
@@ -159,6 +163,7 @@ class Neighbourhood:
         cos, sin = rotation[:, 0]
         particles.covariances = turned(cos, -sin, particles.covariances)
         particles.gnss_bias = rotation @ particles.gnss_bias
+        self._hindsight.move(move, turn)
         table = self._table
         table.xy[:] = move(table.xy)
         table.covariance[:] = turned(cos, -sin, table.covariance.T).T

@@ -6,9 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slamcu_core.filter.particles import Particles
 from slamcu_core.models import MotionNoise, arc
+
+Array = NDArray[np.float64]
 
 _MAX_TURN = 0.2  # rad; the path within one prediction is an arc, so keep it short
 _MAX_TIME = 0.5  # s
@@ -77,6 +80,33 @@ def predict(particles: Particles, travel: Travel, noise: MotionNoise, rng: np.ra
     particles.pending = pending
     state[:2] += chord
     state[2] += turn
+
+
+def linearized(mean: Array, travel: Travel, noise: MotionNoise) -> tuple[Array, Array, Array]:
+    """Return eq. 12 for a Gaussian of the sampled state: mean (6,), ∂/∂state (6, 6), covariance of the noise (6, 6).
+
+    The path is straight but for where it leads: the arc's chord has its length.
+    """
+    keep = math.exp(-travel.time / noise.constant_time_s)
+    constants = keep * mean[3:] + (1.0 - keep) * _NOMINAL[:, 0]
+    speed_scale, yaw_scale, yaw_bias = constants.tolist()
+    turn = travel.turn * yaw_scale + yaw_bias * travel.time
+    middle = float(mean[2]) + 0.5 * turn
+    direction = np.array([math.cos(middle), math.sin(middle)])
+    chord = travel.distance * speed_scale * direction
+    swing = np.array([-0.5 * chord[1], 0.5 * chord[0], 1.0])  # of the pose, by a turn within the way
+    by_state = np.eye(6)
+    by_state[:2, 2] = 2.0 * swing[:2]
+    by_state[:2, 3] = keep * travel.distance * direction
+    by_state[:3, 4] = keep * travel.turn * swing
+    by_state[:3, 5] = keep * travel.time * swing
+    by_state[[3, 4, 5], [3, 4, 5]] = keep
+    spread = np.zeros((6, 6))
+    spread[:2, :2] = noise.distance_std**2 * abs(travel.distance) * np.outer(direction, direction)
+    spread[:3, :3] += (noise.turn_std**2 * abs(travel.turn) + noise.drift_std**2 * travel.time) * np.outer(swing, swing)
+    spread[[3, 4, 5], [3, 4, 5]] = (1.0 - keep**2) * noise.constants_std**2
+    moved = np.concatenate([mean[:2] + chord, [mean[2] + turn], constants])
+    return moved, by_state, spread
 
 
 def _slip(particles: Particles, time: float, noise: MotionNoise, rng: np.random.Generator) -> None:

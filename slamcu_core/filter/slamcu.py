@@ -21,6 +21,7 @@ from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
 from slamcu_core.filter.frame_handling import FrameHandling, SensorAtWork
 from slamcu_core.filter.frame_update import FrameUpdate
 from slamcu_core.filter.health import HealthMonitor
+from slamcu_core.filter.hindsight import Hindsight
 from slamcu_core.filter.map_management import MapManagement
 from slamcu_core.filter.neighbourhood import Neighbourhood
 from slamcu_core.filter.outline import MeanLook
@@ -78,17 +79,26 @@ class SlamcuFilter:
         )
         self._table = FeatureTable()
         reach = max((s.max_range_m + np.hypot(s.mount.x, s.mount.y) for s in header.sensors), default=0.0)
+        self._gnss = GnssBias(self.parameters, start.position_std_m)
+        self._calibration = SensorCalibration(self.parameters)
+        self._hindsight = Hindsight(
+            self._table,
+            self._particles,
+            gnss=self._gnss,
+            calibration=self._calibration,
+            motion=self.parameters.motion,
+            reach=float(reach),
+        )
         self._around = Neighbourhood(
             self._table,
             hd_map,
             LocalFrame(start.lon, start.lat),
             self._names,
+            hindsight=self._hindsight,
             reach=float(reach),
             kept_finds=self.parameters.kept_finds,
         )
         self._reporter = PassReporter(self._table, hd_map, header.start_time, self._names)
-        self._gnss = GnssBias(self.parameters, start.position_std_m)
-        self._calibration = SensorCalibration(self.parameters)
         self._management = MapManagement(self._table, self._around, self._particles, self.parameters)
         self._beliefs = Beliefs(
             hd_map,
@@ -181,6 +191,7 @@ class SlamcuFilter:
     def _predict(self) -> None:
         predict(self._particles, self._travel, self.parameters.motion, self._rng)
         travel = self._travel
+        self._hindsight.predict(travel)
         self._odometer += abs(travel.distance)
         self._reckoned = advance(self._reckoned, travel.distance, travel.turn)
         self._travel = Travel()
@@ -191,7 +202,8 @@ class SlamcuFilter:
 
     def _resample(self) -> None:
         fraction, jitter = self.parameters.resample_fraction, self.parameters.jitter
-        resample(self._particles, fraction, jitter, self._rng, leave_open=self._frames.in_doubt)
+        if resample(self._particles, fraction, jitter, self._rng, leave_open=self._frames.in_doubt):
+            self._hindsight.learn()
 
     # --- one frame -------------------------------------------------------------------------------------------------
 

@@ -1,0 +1,191 @@
+"""What was found and left behind follows what is learnt of the pose later: a fixed-point smoother.
+
+A find is no better placed than the pose was when it was seen, and half a kilometre on a sign of the map tells how
+wrong that was. To draw such finds with the particles would have chance choose among paths of long ago. So a find that
+was left behind is a Gaussian, and so is its covariance with the state kept: pose, constants of the vehicle, bias of the
+receiver, calibration of the sensor. Between two resamplings the state is predicted as a Gaussian; what the measurements
+have then made of it is what the particles say, and that moves the find by its regression on the state (Rauch, Tung and
+Striebel 1965).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamcu_core.filter.calibration import GnssBias, SensorCalibration
+from slamcu_core.filter.ekf import full
+from slamcu_core.filter.particles import Particles
+from slamcu_core.filter.prediction import Travel, linearized
+from slamcu_core.filter.table import FeatureTable, Kind
+from slamcu_core.geometry import wrap_angle
+from slamcu_core.models import MotionNoise
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+_BEHIND_M = 90.0  # beyond the sensors' reach; nearer than 60 m, finds are looked up for the particles
+_MOST = 64  # finds that follow; beyond, the oldest stay where they are
+_RIDGE = 1e-6  # on correlations of the state
+_LEAST_M2 = 1e-4  # m²; least variance of a place
+_BIAS, _SENSOR = slice(6, 8), slice(8, 10)  # of the state, whose first six are sampled
+
+
+class Hindsight:
+    """The finds of one drive that are too far behind for sensors of a `reach` (m), and still get better placed."""
+
+    def __init__(
+        self,
+        table: FeatureTable,
+        particles: Particles,
+        *,
+        gnss: GnssBias,
+        calibration: SensorCalibration,
+        motion: MotionNoise,
+        reach: float,
+    ) -> None:
+        self._table, self._particles, self._motion = table, particles, motion
+        self._beyond = reach + _BEHIND_M
+        self._gnss, self._calibration = gnss, calibration
+        self._rows: Index = np.zeros(0, dtype=np.intp)
+        self._born: Array = np.zeros(0)  # of the finds, for a row may be another's by now
+        self._cross: Array = np.zeros((0, 2, 10))  # covariance of each place with the state
+        self._mean: Array = np.zeros(10)  # of the state, predicted since the last resampling
+        self._covariance: Array = np.zeros((10, 10))
+        self._unlearnt: Array = np.zeros(2)  # variance of the calibration in that
+        self._ages = 0.0, 0.0  # of the receiver's bias and the calibration at that resampling, s
+
+    def follows(self, rows: Index) -> NDArray[np.bool_]:
+        """Return which of the rows (A,) follow."""
+        self._drop_the_gone()
+        return np.isin(rows, self._rows)
+
+    def predict(self, travel: Travel) -> None:
+        """Predict the state as the particles are predicted."""
+        if not len(self._rows) or travel.time <= 0.0:
+            return
+        self._mean[:6], by_state, noise = linearized(self._mean[:6], travel, self._motion)
+        self._covariance[:6] = by_state @ self._covariance[:6]
+        self._covariance[:, :6] = self._covariance[:, :6] @ by_state.T
+        self._covariance[:6, :6] += noise
+        self._cross[:, :, :6] = self._cross[:, :, :6] @ by_state.T
+
+    def learn(self) -> None:
+        """Let the finds follow what the particles, just resampled, have learnt, and take in more of them."""
+        self._drop_the_gone()
+        more = self._left_behind()
+        if not len(self._rows) and not len(more):
+            return
+        mean, covariance, spread = self._state()
+        if len(self._rows):
+            self._wander()
+            std = np.sqrt(self._covariance.diagonal())
+            correlation = self._covariance / np.outer(std, std) + _RIDGE * np.eye(10)
+            gain = np.linalg.solve(correlation, (self._cross / std).reshape(-1, 10).T).T.reshape(-1, 2, 10) / std
+            learnt = mean - self._mean
+            learnt[2] = wrap_angle(float(learnt[2]))
+            change = covariance - self._covariance
+            # what is not known of the calibration is added where a place is told, as it is known then
+            change[_SENSOR, _SENSOR] -= np.diag(self._calibration.variance - self._unlearnt)
+            table, rows = self._table, self._rows
+            table.xy[rows] += gain @ learnt
+            table.covariance[rows] += (gain @ change @ gain.swapaxes(1, 2)).reshape(-1, 4)[:, [0, 1, 3]]
+            self._cross = gain @ covariance
+        self._mean, self._covariance = mean, covariance
+        self._ages = self._gnss.age, self._calibration.age
+        self._unlearnt = self._calibration.variance.copy()
+        if len(more):
+            self._take_in(more, spread)
+
+    def recall(self, row: int, slot: int) -> None:
+        """Give a find that comes near again back to the particles, each of which has it where its own state says."""
+        particles, table = self._particles, self._table
+        place, covariance = table.xy[row], full(table.covariance[row])
+        here = np.zeros((2, len(particles)))
+        for cross in self._cross[self._rows == row, :, :8]:
+            known, spread = self._state()[1:]
+            std = np.sqrt(known.diagonal()[:8])
+            correlation = known[:8, :8] / np.outer(std, std) + _RIDGE * np.eye(8)
+            gain = np.linalg.solve(correlation, (cross / std).T).T / std
+            here = gain @ spread[:8]
+            covariance = covariance - gain @ known[:8, :8] @ gain.T
+        size, axes = np.linalg.eigh(covariance)
+        covariance = (axes * np.maximum(size, _LEAST_M2)) @ axes.T
+        particles.means[:, slot] = place[:, None] + here
+        particles.covariances[:, slot] = covariance.ravel()[[0, 1, 3], None]
+        table.slot[row] = slot
+
+    def move(self, to: Callable[[Array], Array], turn: float) -> None:
+        """Go over to another frame by a function of places (2,), where everything is turned by `turn` (rad)."""
+        cos, sin = math.cos(turn), math.sin(turn)
+        rotation = np.array([[cos, -sin], [sin, cos]])
+        by_state = np.eye(10)
+        by_state[:2, :2] = by_state[_BIAS, _BIAS] = rotation
+        self._mean[:2] = to(self._mean[:2])
+        self._mean[2] += turn
+        self._mean[_BIAS] = rotation @ self._mean[_BIAS]
+        self._covariance = by_state @ self._covariance @ by_state.T
+        self._cross = rotation @ self._cross @ by_state.T
+
+    def _state(self) -> tuple[Array, Array, Array]:
+        """Return mean (10,) and covariance (10, 10) of the state, and what each particle differs from it, (10, M)."""
+        particles = self._particles
+        weights = particles.weights
+        state = np.concatenate([particles.state, particles.gnss_bias, particles.calibration])
+        mean = state @ weights
+        mean[:6], covariance = particles.mean_state()
+        spread = state - mean[:, None]
+        spread[2] = wrap_angle(spread[2])
+        whole = (spread * weights) @ spread.T
+        whole[:6, :6] = covariance
+        whole[_BIAS, _BIAS] += self._gnss.variance * np.eye(2)
+        whole[_SENSOR, _SENSOR] += np.diag(self._calibration.variance)
+        return mean, whole, spread
+
+    def _wander(self) -> None:
+        """Predict what changes by itself: the receiver's bias and the calibration."""
+        gnss = self._gnss.keep(self._gnss.age - self._ages[0])
+        calibration = self._calibration.keep(self._calibration.age - self._ages[1])
+        keep = np.ones(10)
+        keep[_BIAS], keep[_SENSOR] = gnss, calibration
+        self._mean *= keep
+        self._cross *= keep
+        self._covariance *= np.outer(keep, keep)
+        self._covariance[_BIAS, _BIAS] += (1.0 - gnss**2) * self._gnss.stationary * np.eye(2)
+        anew = (1.0 - calibration**2) * self._calibration.stationary
+        self._covariance[_SENSOR, _SENSOR] += np.diag(anew)
+        self._unlearnt = calibration**2 * self._unlearnt + anew
+
+    def _left_behind(self) -> Index:
+        """Return the rows of finds that the particles still place and need not."""
+        table = self._table
+        own = ((table.slot >= 0) & (table.kind == Kind.NEW)).nonzero()[0]
+        here = self._particles.state[:2, 0]  # any particle will do
+        return np.asarray(own[np.hypot(*(table.xy[own] - here).T) > self._beyond])
+
+    def _take_in(self, own: Index, spread: Array) -> None:
+        """Take finds from the particles, whose states differ by (10, M) from their mean."""
+        table, particles = self._table, self._particles
+        slots = table.slot[own]
+        place, covariance = particles.collapse(slots)
+        cross = np.einsum("akm,sm->kas", particles.means[:, slots] - place[:, :, None], spread * particles.weights)
+        # what is not known of the calibration turns and stretches the line of sight in all particles alike
+        seen_from = table.view_from[own] / np.maximum(table.view_weight[own], 1e-300)[:, None]
+        x, y = np.where(table.view_weight[own] > 0.0, (place.T - seen_from).T, 0.0)
+        scale, turn = self._calibration.variance
+        cross[:, :, 8] -= scale * np.stack([x, y], axis=1)
+        cross[:, :, 9] -= turn * np.stack([-y, x], axis=1)
+        table.xy[own], table.covariance[own], table.slot[own] = place.T, covariance.T, -1
+        self._rows = np.concatenate([self._rows, own])[-_MOST:]
+        self._born = np.concatenate([self._born, table.born[own]])[-_MOST:]
+        self._cross = np.concatenate([self._cross, cross])[-_MOST:]
+
+    def _drop_the_gone(self) -> None:
+        """Forget rows that are no longer behind, or no longer of the same find."""
+        table, rows = self._table, self._rows
+        stays = table.alive[rows] & (table.slot[rows] < 0) & (table.born[rows] == self._born)
+        if not stays.all():
+            self._rows, self._born, self._cross = rows[stays], self._born[stays], self._cross[stays]
