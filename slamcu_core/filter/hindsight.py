@@ -55,6 +55,7 @@ class Hindsight:
         self._cross: Array = np.zeros((0, 2, 10))  # covariance of each place with the state
         self._mean: Array = np.zeros(10)  # of the state, predicted since the last resampling
         self._covariance: Array = np.zeros((10, 10))
+        self._travel = Travel()  # not in that yet
         self._unlearnt: Array = np.zeros(2)  # variance of the calibration in that
         self._ages = 0.0, 0.0  # of the receiver's bias and the calibration at that resampling, s
 
@@ -64,14 +65,24 @@ class Hindsight:
         return np.isin(rows, self._rows)
 
     def predict(self, travel: Travel) -> None:
-        """Predict the state as the particles are predicted."""
-        if not len(self._rows) or travel.time <= 0.0:
+        """Note how the particles were predicted; the state follows when that has become some way."""
+        if not len(self._rows):
             return
-        self._mean[:6], by_state, noise = linearized(self._mean[:6], travel, self._motion)
-        self._covariance[:6] = by_state @ self._covariance[:6]
-        self._covariance[:, :6] = self._covariance[:, :6] @ by_state.T
-        self._covariance[:6, :6] += noise
-        self._cross[:, :, :6] = self._cross[:, :, :6] @ by_state.T
+        self._travel.distance += travel.distance
+        self._travel.turn += travel.turn
+        self._travel.time += travel.time
+        if self._travel.full:
+            self._predict()
+
+    def _predict(self) -> None:
+        """Predict the state by the way noted since the last time."""
+        if self._travel.time > 0.0:
+            self._mean[:6], by_state, noise = linearized(self._mean[:6], self._travel, self._motion)
+            self._covariance[:6] = by_state @ self._covariance[:6]
+            self._covariance[:, :6] = self._covariance[:, :6] @ by_state.T
+            self._covariance[:6, :6] += noise
+            self._cross[:, :, :6] = self._cross[:, :, :6] @ by_state.T
+        self._travel = Travel()
 
     def learn(self) -> None:
         """Let the finds follow what the particles, just resampled, have learnt, and take in more of them."""
@@ -79,6 +90,7 @@ class Hindsight:
         more = self._left_behind()
         if not len(self._rows) and not len(more):
             return
+        self._predict()
         mean, covariance, spread = self._state()
         if len(self._rows):
             self._wander()
@@ -102,6 +114,7 @@ class Hindsight:
 
     def recall(self, row: int, slot: int) -> None:
         """Give a find that comes near again back to the particles, each of which has it where its own state says."""
+        self._predict()
         particles, table = self._particles, self._table
         place, covariance = table.xy[row], full(table.covariance[row])
         here = np.zeros((2, len(particles)))
