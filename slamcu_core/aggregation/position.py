@@ -2,8 +2,10 @@
 
 Each pass gives x, Σ. What a vehicle's passes share (mounting, range scale) does not average out over them, so Σ is read
 as Σ = B + W: B = floor² I common to the contributor's passes, W independent from pass to pass. A contributor's estimate
-then has the covariance B + (Σ W⁻¹)⁻¹, which for a single pass is its own Σ and never falls below B. What all cars have
-wrong together, because the map around the place leads all of them astray, no number of them averages out.
+then has the covariance B + (Σ W⁻¹)⁻¹, which for a single pass is its own Σ and never falls below B. How far the
+contributors lie apart tells whether these covariances are true (Birge 1932): the more of them, the more does it count.
+What all cars have wrong together, because the map around the place leads all of them astray, no number of them averages
+out, and no scatter shows.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from slamcu_core.errors import EvidenceError
 Array = NDArray[np.float64]
 
 _INDEPENDENT_SHARE = 0.1  # least part of a pass's variance that is its own: keeps W positive where Σ is below the floor
+_AS_TOLD = 6.0  # degrees of freedom that the given covariances weigh against how places scatter: three contributors'
 _MANY = 3  # contributors from whom on one can be told to be wrong
 _LARGEST_CONDITION = 1e8  # ratio of axes beyond which a covariance is rounder than it says
 
@@ -49,8 +52,9 @@ def fuse_positions(xy: ArrayLike, covariance: ArrayLike, contributor: ArrayLike,
 
     The contributor whom most others second is the first centre; then each pass is gated against what the *other*
     contributors say together, until nothing changes. The inliers are weighted by information within a
-    contributor, and again over contributors. Where no two agree, nobody can tell who is wrong: those that come nearest
-    to each other are kept, and the covariance grows by as much as they disagree.
+    contributor, and again over contributors; the covariance is scaled by how they scatter, with the given ones as a
+    prior. Where no two agree, nobody can tell who is wrong: those that come nearest to each other are kept, and the
+    covariance grows by as much as they disagree.
 
     Parameters
     ----------
@@ -92,9 +96,11 @@ def fuse_positions_each(
     count = _speaking(layout, inlier)
     centre, fused = _information_mean(layout, said)
     apart = np.where(said.present, mahalanobis(said.means - centre[layout.thing], said.spreads), 0.0)
-    ratio = np.add.reduceat(apart, first_of(layout.thing)) / np.maximum(2 * count - 2, 1)
+    scatter, freedom = np.add.reduceat(apart, first_of(layout.thing)), 2 * count - 2
+    ratio = scatter / np.maximum(freedom, 1)
     grows = ~agreed & (count >= 2) & (2.0 * ratio > policy.gate)
-    fused = fused * np.where(grows, ratio, 1.0)[:, None, None]
+    scale = np.where(grows, ratio, (_AS_TOLD + scatter) / (_AS_TOLD + freedom))
+    fused = fused * scale[:, None, None]
     # each Σ has what all have wrong together in it, and the mean has divided it by their number: put it back
     fused = fused + (1.0 - 1.0 / count)[:, None, None] * policy.position_common_m**2 * np.eye(2)
     unsorted = np.empty_like(inlier)
