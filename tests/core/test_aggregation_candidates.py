@@ -129,7 +129,8 @@ def test_a_partition_keeps_the_rules(passes: list[Pass]) -> None:
         for one in finds:
             for other in finds:
                 if one is not other and (one.contributor, one.session) == (other.contributor, other.session):
-                    assert abs(one.start - other.start) > 4.0
+                    told_twice = (one.start, one.x, one.y) == (other.start, other.x, other.y)
+                    assert told_twice or abs(one.start - other.start) > 4.0
     for item, label in zip(passes, clusters.labels.tolist(), strict=True):
         assert label >= (0 if item.seen else -1)
 
