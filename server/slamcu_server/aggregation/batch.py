@@ -34,8 +34,9 @@ from slamcu_server.trust.table import trusting
 Indices = NDArray[np.intp]
 
 _PATIENCE = 0.25
-"""How often a batch waits for the cells of its oldest message if another one holds them: no message is put off for
-long, and most batches wait for nothing."""
+"""How often a full batch waits for the cells of its oldest message if another one holds them: no message is put off
+for ever, and most batches wait for nothing. One that is not full has time to wait, always: or its oldest would find
+another one in its way time after time, while those that came later are seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,11 @@ async def process_batch(engine: AsyncEngine, policy: Policy, *, limit: int, ids:
         try:
             async with engine.begin() as connection:
                 claimed += await log.claim(connection, limit, ids)
-                return await _fuse(connection, claimed, policy, further) if claimed else Fused()
+                return (
+                    await _fuse(connection, claimed, policy, further, full=len(claimed) == limit)
+                    if claimed
+                    else Fused()
+                )
         except BeyondLockedCells as beyond:
             # another try that holds these too, from the start, so that keys stay in order
             further = beyond.cells | (further or frozenset())
@@ -88,7 +93,12 @@ async def quarantine(engine: AsyncEngine, message_id: int, reason: str) -> None:
 
 
 async def _fuse(
-    connection: AsyncConnection, claimed: Sequence[ClaimedMessage], policy: Policy, further: frozenset[Cell] | None
+    connection: AsyncConnection,
+    claimed: Sequence[ClaimedMessage],
+    policy: Policy,
+    further: frozenset[Cell] | None,
+    *,
+    full: bool,
 ) -> Fused:
     retractions = await marks.hold(connection)
     policy = await trusting(connection, policy)
@@ -98,7 +108,7 @@ async def _fuse(
     reasons |= unresolvable
     entries: list[feed.Entry] = []
     if resolved.messages:
-        resolved, cells = await _hold(connection, resolved, further, policy)
+        resolved, cells = await _hold(connection, resolved, further, policy, patience=_PATIENCE if full else 1.0)
         # What candidates are may have changed meanwhile: another batch can have merged them, a review accepted them.
         again = await lookups_again(connection, known)
         if again is not known:
@@ -118,12 +128,12 @@ async def _fuse(
 
 
 async def _hold(
-    connection: AsyncConnection, resolved: Resolved, further: frozenset[Cell] | None, policy: Policy
+    connection: AsyncConnection, resolved: Resolved, further: frozenset[Cell] | None, policy: Policy, *, patience: float
 ) -> tuple[Resolved, frozenset[Cell]]:
     """Return the messages to fuse now, and their cells, which are held.
 
     Where nothing is waited for, messages that another batch is in the way of stay in the log: there is other work.
-    Raises BeyondLockedCells, to wait for them, if there is not, and now and then if the oldest is among them.
+    Raises BeyondLockedCells, to wait for them, if there is not, and so often (`patience`) if the oldest is among them.
     """
     taken, cells = within_budget(resolved, policy.lock_reach_m, CELL_BUDGET, further or frozenset())
     if further is not None or len(cells) > CELL_BUDGET:
@@ -135,7 +145,7 @@ async def _hold(
     message, keys = taken.keys(policy.lock_reach_m)
     free = np.ones(taken.messages, bool)
     free[message[~np.isin(keys, [cell.key for cell in held])]] = False
-    if not free.any() or (not free[0] and random.random() < _PATIENCE):  # noqa: S311  (no secret)
+    if not free.any() or (not free[0] and random.random() < patience):  # noqa: S311  (no secret)
         raise BeyondLockedCells(frozenset())
     return taken.only(free), held
 

@@ -15,6 +15,9 @@ CHANNEL = "slamcu_messages"
 FORM = 1
 """Of what the ingest condenses (`condensed`); another number whenever it changes: then the bytes are read again."""
 
+_HORIZON = 4
+"""Batches' worth of the oldest messages from which one is chosen along the map."""
+
 _COLUMNS = f"""id, account_id, session_id, message_id, region,
     CASE WHEN get_byte(condensed, 0) = {FORM} THEN condensed END AS condensed,
     CASE WHEN get_byte(condensed, 0) = {FORM} THEN NULL ELSE body END AS body"""
@@ -37,19 +40,20 @@ class ClaimedMessage:
 async def claim(connection: AsyncConnection, limit: int, ids: Sequence[int] | None = None) -> list[ClaimedMessage]:
     """Lock up to `limit` pending messages (of `ids`, if given) that no other worker holds.
 
-    The oldest comes first, and with it those from the regions that follow its own, whatever their age: a batch of one
-    part of the map touches few features and cells, and two workers with long backlogs keep out of each other's way.
+    The oldest comes first, and with it those from the regions that follow its own: a batch of one part of the map
+    touches few features and cells, and two workers with long backlogs keep out of each other's way. Only the oldest
+    _HORIZON batches are chosen from, so that nobody waits for his region longer than these take.
     """
     if ids is not None:
         return await _claim(connection, "AND id = ANY(CAST(:ids AS bigint[])) ORDER BY id", limit, ids=list(ids))
     oldest = await _claim(connection, "ORDER BY id", 1)
     if not oldest or limit == 1:
         return oldest
-    start = {"region": oldest[0].region, "oldest": oldest[0].id}
-    found = await _claim(connection, "AND region >= :region AND id <> :oldest ORDER BY region, id", limit - 1, **start)
-    if len(found) < limit - 1:
-        below = "AND region < :region AND id <> :oldest ORDER BY region DESC, id"
-        found += await _claim(connection, below, limit - 1 - len(found), **start)
+    near = """AND id <> :oldest AND id = ANY(ARRAY(
+            SELECT id FROM messages WHERE state = 'pending' ORDER BY id LIMIT :among))
+        ORDER BY region < :region, abs(region - :region), id"""
+    among = _HORIZON * limit
+    found = await _claim(connection, near, limit - 1, oldest=oldest[0].id, region=oldest[0].region, among=among)
     return [*oldest, *found]
 
 

@@ -26,7 +26,9 @@ from slamcu_server.trust.job import Recomputed, recompute
 
 logger = logging.getLogger(__name__)
 
-BATCH_SIZE = 256
+BATCH_SIZE = 128
+"""Messages: half as many cost a fifth more each, and twice as many save nothing and make all wait twice as long."""
+
 POLL_S = 1.0  # between looks at the log when nobody calls: a notification may be lost with its connection
 _HOUSEKEEPING_S = 600.0
 _AT_ONCE = 1000

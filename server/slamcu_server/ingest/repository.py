@@ -8,6 +8,8 @@ from sqlalchemy import select, text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.hd_map import MapIdentity
+from slamcu_server.aggregation.boxes import PROBE
+from slamcu_server.aggregation.bulk import arrays, unnest
 from slamcu_server.database.tables import candidates
 
 
@@ -29,16 +31,18 @@ async def find_maps(
     return {row.source: row.id for row in found}, {MapIdentity(row.source, row.version) for row in found if row.known}
 
 
-async def find_features(connection: AsyncConnection, references: Collection[tuple[int, int]]) -> set[tuple[int, int]]:
-    """Return those (map id, object id) of `references` that have ever been mapped."""
+async def missing_features(
+    connection: AsyncConnection, references: Collection[tuple[int, int]]
+) -> set[tuple[int, int]]:
+    """Return those (map id, object id) of `references` that have never been mapped: hardly any, hardly ever."""
     if not references:
         return set()
-    query = text("""
-        SELECT map_id, object_id FROM features
-        JOIN unnest(CAST(:maps AS bigint[]), CAST(:objects AS bigint[])) AS asked (map_id, object_id)
-            USING (map_id, object_id)""")
+    types = {"map_id": "bigint", "object_id": "bigint"}
+    query = text(f"""
+        SELECT r.map_id, r.object_id FROM {unnest(types)}
+        WHERE NOT EXISTS (SELECT FROM features f WHERE f.map_id = r.map_id AND f.object_id = r.object_id {PROBE})""")  # noqa: S608  (constants)
     result = await connection.execute(
-        query, {"maps": [m for m, _ in references], "objects": [o for _, o in references]}
+        query, arrays(types, [dict(zip(types, each, strict=True)) for each in references])
     )
     return {(row.map_id, row.object_id) for row in result}
 

@@ -118,7 +118,7 @@ async def _refuse_unknown(connection: AsyncConnection, messages: Sequence[_Reada
     }
     features = {(m, o) for watched, m, o in named if not watched}
     watches = {(m, o) for watched, m, o in named if watched}
-    missing = {(False, *key) for key in features - await repository.find_features(connection, features)}
+    missing = {(False, *key) for key in await repository.missing_features(connection, features)}
     missing |= {(True, *key) for key in watches - await repository.find_watches(connection, watches)}
     rejections = []
     for one in messages:

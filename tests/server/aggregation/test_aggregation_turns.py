@@ -34,11 +34,11 @@ async def cells_at(street: Any, object_id: int) -> Any:
     return cells_of([tuple(row)], street.policy)
 
 
-async def fused_after_waiting_for(street: Any, object_id: int) -> int:
+async def fused_after_waiting_for(street: Any, object_id: int, limit: int = 10) -> int:
     """Hold a sign's cells, see that a batch waits for them, and return how many messages it then fuses."""
     async with street.engine.begin() as other:
         await lock_cells(other, await cells_at(street, object_id))
-        waiting = asyncio.create_task(batch.process_batch(street.engine, street.policy, limit=10))
+        waiting = asyncio.create_task(batch.process_batch(street.engine, street.policy, limit=limit))
         finished, _ = await asyncio.wait([waiting], timeout=1.0)
         assert not finished
     done: batch.Fused = await asyncio.wait_for(waiting, 20)
@@ -54,7 +54,7 @@ async def test_what_is_held_waits_and_the_rest_does_not(
         await street.report(f"car-{sign}", reports.seen(sign, hours=1))
     async with street.engine.begin() as other:
         await lock_cells(other, await cells_at(street, busy))
-        done = await asyncio.wait_for(batch.process_batch(street.engine, street.policy, limit=10), 20)
+        done = await asyncio.wait_for(batch.process_batch(street.engine, street.policy, limit=2), 20)
         assert done.fused == 1
         assert await street.feature_state(busy) is None
         assert await street.feature_state(3 - busy) is not None
@@ -65,6 +65,15 @@ async def test_what_is_held_waits_and_the_rest_does_not(
 
 async def test_the_oldest_is_waited_for_in_the_end(street: Any, reports: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch, "_PATIENCE", 1.0)
+    for sign in (1, 2):
+        await street.report(f"car-{sign}", reports.seen(sign, hours=1))
+    assert await fused_after_waiting_for(street, 1, limit=2) == 2
+
+
+async def test_who_has_little_to_do_waits_for_the_oldest(
+    street: Any, reports: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(batch, "_PATIENCE", 0.0)
     for sign in (1, 2):
         await street.report(f"car-{sign}", reports.seen(sign, hours=1))
     assert await fused_after_waiting_for(street, 1) == 2
