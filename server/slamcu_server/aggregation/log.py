@@ -49,8 +49,8 @@ async def claim(connection: AsyncConnection, limit: int, ids: Sequence[int] | No
     oldest = await _claim(connection, "ORDER BY id", 1)
     if not oldest or limit == 1:
         return oldest
-    near = """AND id <> :oldest AND id = ANY(ARRAY(
-            SELECT id FROM messages WHERE state = 'pending' ORDER BY id LIMIT :among))
+    near = """AND id = ANY(ARRAY(
+            SELECT id FROM messages WHERE state = 'pending' AND id > :oldest ORDER BY id LIMIT :among))
         ORDER BY region < :region, abs(region - :region), id"""
     among = _HORIZON * limit
     found = await _claim(connection, near, limit - 1, oldest=oldest[0].id, region=oldest[0].region, among=among)
