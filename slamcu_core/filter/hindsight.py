@@ -94,9 +94,7 @@ class Hindsight:
         mean, covariance, spread = self._state()
         if len(self._rows):
             self._wander()
-            std = np.sqrt(self._covariance.diagonal())
-            correlation = self._covariance / np.outer(std, std) + _RIDGE * np.eye(10)
-            gain = np.linalg.solve(correlation, (self._cross / std).reshape(-1, 10).T).T.reshape(-1, 2, 10) / std
+            gain = _regression(self._cross, self._covariance)
             learnt = mean - self._mean
             learnt[2] = wrap_angle(float(learnt[2]))
             change = covariance - self._covariance
@@ -120,9 +118,7 @@ class Hindsight:
         here = np.zeros((2, len(particles)))
         for cross in self._cross[self._rows == row, :, :8]:
             known, spread = self._state()[1:]
-            std = np.sqrt(known.diagonal()[:8])
-            correlation = known[:8, :8] / np.outer(std, std) + _RIDGE * np.eye(8)
-            gain = np.linalg.solve(correlation, (cross / std).T).T / std
+            gain = _regression(cross, known[:8, :8])
             here = gain @ spread[:8]
             covariance = covariance - gain @ known[:8, :8] @ gain.T
         size, axes = np.linalg.eigh(covariance)
@@ -202,3 +198,15 @@ class Hindsight:
         stays = table.alive[rows] & (table.slot[rows] < 0) & (table.born[rows] == self._born)
         if not stays.all():
             self._rows, self._born, self._cross = rows[stays], self._born[stays], self._cross[stays]
+
+
+def _regression(cross: Array, covariance: Array) -> Array:
+    """Return the regression (..., S) of places on a state, by their covariance with it (..., S) and its own (S, S).
+
+    What of the state is known for certain moves nothing.
+    """
+    std = np.sqrt(np.maximum(covariance.diagonal(), 0.0))
+    std[std == 0.0] = 1.0
+    correlation = covariance / np.outer(std, std) + _RIDGE * np.eye(len(std))
+    by_state = np.linalg.solve(correlation, (cross / std).reshape(-1, len(std)).T).T
+    return np.asarray(by_state.reshape(cross.shape) / std)

@@ -98,7 +98,7 @@ _ALL = (
     Variant(
         "no_recovery",
         "a lost filter does not look for the way back",
-        swaps=((f"{CORE}.slamcu", "search", parts.no_way_back),),
+        swaps=((f"{CORE}.recovery", "search", parts.no_way_back),),
     ),
     Variant("no_outliers", "weights take no association for wrong", _set(outlier_share=0.0), on_robots=False),
     # what differs between vehicles
