@@ -204,9 +204,10 @@ def _fold(
 
 def _order(feature: Counts, ended_at: Times, contributor: Ids) -> Counts:
     """Return the order of feature, time, then contributor; what is in order but for a few is soon sorted."""
-    begin = ended_at.min()
-    key = feature * (ended_at.max() - begin + 1) + (ended_at - begin)
-    order = np.argsort(key, kind="stable")
-    if (np.diff(key[order]) == 0).any():
-        return np.lexsort((contributor, ended_at, feature))
-    return order
+    begin, end = int(ended_at.min()), int(ended_at.max()) + 1
+    if (int(feature.max()) + 1) * (end - begin) < 2**63:  # not where a pass is dated to antiquity
+        key = feature * (end - begin) + (ended_at - begin)
+        order = np.argsort(key, kind="stable")
+        if (np.diff(key[order]) != 0).all():
+            return order
+    return np.lexsort((contributor, ended_at, feature))

@@ -7,10 +7,11 @@ import random
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from slamcu_core.aggregation import ClassPolicy, Policy
-from slamcu_server.aggregation import batch, rebuild
+from slamcu_server.aggregation import batch, quiet, rebuild
 from slamcu_server.aggregation.worker import drain
 
 pytestmark = pytest.mark.anyio
@@ -151,3 +152,13 @@ async def test_a_full_window_is_stored_as_it_is_and_forgets_what_leaves_it(town:
     assert stored.compressed is None, "packing it takes longer than all else that the database does"
     assert (stored.passes, stored.kept, stored.forgotten_looked) == (window, window, 20)
     assert await rebuild.differences(town.engine, town.policy) == []
+
+
+@pytest.mark.parametrize("oldest", [1_777_000_000_000_000, -62_000_000_000_000_000], ids=["today", "antiquity"])
+def test_passes_are_put_in_order_whatever_date_one_of_them_bears(oldest: int) -> None:
+    rng = np.random.default_rng(0)
+    feature, contributor = rng.integers(0, 512, 2000), rng.integers(0, 9, 2000)
+    ended_at = 1_777_000_000_000_000 + rng.permutation(2000)
+    ended_at[0] = oldest
+    ordered = quiet._order(feature, ended_at, contributor)
+    assert ordered.tolist() == np.lexsort((contributor, ended_at, feature)).tolist()
