@@ -169,7 +169,7 @@ class MeanLook:
     def _place_variance(self, rows: Index, covariance: Array) -> Array:
         """Return the variance (F,) that the map's and the poses' places have at most, seen from each other (m²)."""
         place = self._table.covariance.T.take(rows, axis=1)
-        return np.asarray(place[0] + place[2] + 2.0 * place_std(covariance) ** 2)
+        return np.asarray(place[0] + place[2] + 2.0 * _place_std(covariance) ** 2)
 
     def bearing_std(self, rows: Index, distance: Array, covariance: Array) -> Array:
         """Return how well bearings (F,) are known at least."""
@@ -177,14 +177,14 @@ class MeanLook:
         return np.asarray(np.sqrt(place + (2.0 * float(covariance[2, 2]) + self._calibration.variance[1])))
 
 
-def place_std(covariance: Array) -> float:
+def _place_std(covariance: Array) -> float:
     """Return the standard deviation (m) of a pose's place in all, from its covariance (3, 3)."""
     return math.sqrt(covariance[0, 0] + covariance[1, 1])
 
 
 def bent_within(covariance: Array) -> float:
     """Return the distance (m) within which particles see a thing too differently for the mean pose to be a guide."""
-    return _BENT * place_std(covariance)
+    return _BENT * _place_std(covariance)
 
 
 def _at_an_edge(

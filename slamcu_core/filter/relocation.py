@@ -94,7 +94,7 @@ class Memory:
         std = np.concatenate([frame.std for frame in self._frames])
         feature_class = np.concatenate([frame.feature_class for frame in self._frames])
         sign = np.concatenate([frame.sign for frame in self._frames])
-        kind = feature_class * (int(sign.max()) + 1) + sign
+        kind = feature_class * (int(sign.max(initial=0)) + 1) + sign
         x, y = place.T.copy()
         variance = std * std
         group = np.empty(len(std), dtype=np.intp)

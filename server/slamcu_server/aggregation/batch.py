@@ -71,11 +71,10 @@ async def process_batch(engine: AsyncEngine, policy: Policy, *, limit: int, ids:
         try:
             async with engine.begin() as connection:
                 claimed += await log.claim(connection, limit, ids)
-                return (
-                    await _fuse(connection, claimed, policy, further, full=len(claimed) == limit)
-                    if claimed
-                    else Fused()
-                )
+                if not claimed:
+                    return Fused()
+                patience = _PATIENCE if len(claimed) == limit else 1.0
+                return await _fuse(connection, claimed, policy, further, patience=patience)
         except BeyondLockedCells as beyond:
             # another try that holds these too, from the start, so that keys stay in order
             further = beyond.cells | (further or frozenset())
@@ -98,7 +97,7 @@ async def _fuse(
     policy: Policy,
     further: frozenset[Cell] | None,
     *,
-    full: bool,
+    patience: float,
 ) -> Fused:
     retractions = await marks.hold(connection)
     policy = await trusting(connection, policy)
@@ -108,7 +107,7 @@ async def _fuse(
     reasons |= unresolvable
     entries: list[feed.Entry] = []
     if resolved.messages:
-        resolved, cells = await _hold(connection, resolved, further, policy, patience=_PATIENCE if full else 1.0)
+        resolved, cells = await _hold(connection, resolved, further, policy, patience=patience)
         # What candidates are may have changed meanwhile: another batch can have merged them, a review accepted them.
         again = await lookups_again(connection, known)
         if again is not known:
