@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 Names = tuple[str | None, str | None]  # sign and value, None where nobody could tell
 
 _SAME_PLACE_M = 1e-3
+_ROWS_AT_ONCE = 64  # of costs: each has a covariance for every other cluster
 _SWEEPS = 8  # of moving single finds; two or three settle nearly every group
 
 
@@ -135,11 +136,14 @@ class _Merging:
         self._information = np.array([group.information[each].sum(axis=0) for each in self._members])
         self._vector = np.array([group.vector[each].sum(axis=0) for each in self._members])
         self._names = [_names(each, group.finds) for each in self._members]
-        belongs = np.array([np.isin(np.arange(len(group.finds)), each) for each in self._members], float)
+        belongs = np.zeros((len(self._members), len(group.finds)))
+        for slot, each in enumerate(self._members):
+            belongs[slot, each] = 1.0
         self._apart = belongs @ group.together @ belongs.T > 0.0
         self._alive = np.ones(len(members), bool)
         self._places, self._spreads = _summary(self._information, self._vector, self._count)
-        self._costs = np.array([self._row(slot) for slot in range(len(members))])
+        pieces = range(0, len(members), _ROWS_AT_ONCE)
+        self._costs = np.concatenate([self._rows(np.arange(len(members))[at : at + _ROWS_AT_ONCE]) for at in pieces])
         self._nearest = self._costs.argmin(axis=1)
 
     def run(self) -> list[list[int]]:
@@ -164,7 +168,7 @@ class _Merging:
         self._apart[:, slot] |= self._apart[:, gone]
         self._alive[gone] = False
         self._costs[gone] = self._costs[:, gone] = np.inf
-        self._costs[slot] = self._costs[:, slot] = self._row(slot)
+        self._costs[slot] = self._costs[:, slot] = self._rows(np.array([slot]))[0]
 
         # only rows whose nearest has changed need a new search
         stale = (self._nearest == slot) | (self._nearest == gone)
@@ -175,14 +179,17 @@ class _Merging:
         closer |= (self._costs[:, slot] == best) & (slot < self._nearest)
         self._nearest[closer] = slot
 
-    def _row(self, slot: int) -> Array:
-        """Return what merging a slot with each other costs, (C,); infinite where it is not allowed."""
-        costs = pair_costs(self._places - self._places[slot], self._spreads + self._spreads[slot], self._policy)
-        costs[~self._alive | self._apart[slot]] = np.inf
-        costs[slot] = np.inf
-        for other in np.flatnonzero(np.isfinite(costs)).tolist():
-            if not all(map(compatible, self._names[slot], self._names[other])):
-                costs[other] = np.inf
+    def _rows(self, slots: NDArray[np.intp]) -> Array:
+        """Return what merging R slots with each other one costs, (R, C); infinite where it is not allowed."""
+        costs = pair_costs(
+            self._places - self._places[slots, None], self._spreads + self._spreads[slots, None], self._policy
+        )
+        costs[~self._alive | self._apart[slots]] = np.inf
+        costs[np.arange(len(slots)), slots] = np.inf
+        if len(set(self._names)) > 1:
+            for row, other in np.argwhere(np.isfinite(costs)).tolist():
+                if not all(map(compatible, self._names[slots[row]], self._names[other])):
+                    costs[row, other] = np.inf
         return costs
 
 

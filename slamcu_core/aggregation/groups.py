@@ -36,24 +36,25 @@ def connected_groups(xy: ArrayLike, reach_m: float) -> NDArray[np.intp]:
     if not len(points):
         return np.zeros(0, np.intp)
     # Points that share a cell with sides reach/√2 are always connected, so only whole cells have to be joined.
-    keys, cell = np.unique(
-        np.floor(points / (reach_m / np.sqrt(2.0) * (1.0 - 1e-12))).astype(np.int64), axis=0, return_inverse=True
-    )
-    members = np.split(np.argsort(cell, kind="stable"), np.cumsum(np.bincount(cell))[:-1])
-    index = {key: number for number, key in enumerate(map(tuple, keys.tolist()))}
-    parent = list(range(len(keys)))
-    for (x, y), one in index.items():
+    cells = np.floor(points / (reach_m / np.sqrt(2.0) * (1.0 - 1e-12))).astype(np.int64).tolist()
+    members: dict[tuple[int, int], list[int]] = {}
+    for number, (x, y) in enumerate(cells):
+        members.setdefault((x, y), []).append(number)
+    index = {key: number for number, key in enumerate(members)}
+    parent = list(range(len(index)))
+    for (x, y), one in index.items() if len(index) > 1 else ():
         for dx, dy in _AHEAD:
-            other = index.get((x + dx, y + dy))
+            key = x + dx, y + dy
+            other = index.get(key)
             if other is None or _root(parent, one) == _root(parent, other):
                 continue
-            if _touch(points[members[one]], points[members[other]], reach_m):
+            if _touch(points[members[x, y]], points[members[key]], reach_m):
                 parent[_root(parent, one)] = _root(parent, other)
-    roots = np.array([_root(parent, number) for number in range(len(keys))])[cell]
-    _, first, label = np.unique(roots, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), np.intp)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return rank[label]
+    label = np.empty(len(points), np.intp)
+    numbers: dict[int, int] = {}
+    for cell, inside in enumerate(members.values()):  # in order of their first points
+        label[inside] = numbers.setdefault(_root(parent, cell), len(numbers))
+    return label
 
 
 def _root(parent: list[int], node: int) -> int:

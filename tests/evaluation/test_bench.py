@@ -16,6 +16,7 @@ from slamcu_eval.bench.server import bench_cluster
 from slamcu_eval.cli import run
 from slamcu_eval.commands.bench import _CLOUD, Scale
 from slamcu_server.aggregation import reads, windows
+from slamcu_server.aggregation.windowed import windowed_features
 from slamcu_server.database.embedded import EmbeddedCluster
 from slamcu_server.database.engine import create_engine
 
@@ -80,7 +81,7 @@ def test_a_history_that_is_filled_in_is_what_passes_would_have_left() -> None:
         engine = create_engine(cloud.url)
         async with engine.connect() as connection:
             passes = await reads.passes_over_features(connection, None)
-            features = await reads.windowed_features(connection, dict.fromkeys(passes, 0))
+            features = await windowed_features(connection, dict.fromkeys(passes, 0))
         await engine.dispose()
         ends = features.window_bytes.cumsum().tolist()
         packed = [features.windows[begin:end] for begin, end in zip([0, *ends[:-1]], ends, strict=True)]

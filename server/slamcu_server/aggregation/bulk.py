@@ -7,7 +7,7 @@ from typing import Any
 
 Row = Mapping[str, Any]
 
-_NUMERALS = ("bigint", "integer", "boolean")
+_NUMERALS = ("bigint", "integer", "boolean", "float8")
 """What goes over as digits: the driver encodes an array element by element, three times as slowly."""
 
 
@@ -19,7 +19,10 @@ def unnest(types: Mapping[str, str], alias: str = "r") -> str:
 
 
 def array(name: str, kind: str) -> str:
-    """Return the SQL of one parameter that is an array, given as `given` returns it."""
+    """Return the SQL of one parameter that is an array, given as `given` returns it.
+
+    To be unnested: in the condition of a scan it is read from its digits once more for each row.
+    """
     return f"CAST(CAST(:{name} AS text) AS {kind}[])" if kind in _NUMERALS else f"CAST(:{name} AS {kind}[])"
 
 

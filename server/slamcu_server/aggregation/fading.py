@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from datetime import timedelta
 
-from sqlalchemy import Row, text
+from sqlalchemy import Row
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from slamcu_core.aggregation import Policy
@@ -18,6 +18,7 @@ from slamcu_server.aggregation.cells import Cell
 from slamcu_server.aggregation.locks import BeyondLockedCells, lock_cells
 from slamcu_server.aggregation.refold import Touched, cells_of, refold
 from slamcu_server.changes import feed
+from slamcu_server.database.statements import text
 from slamcu_server.retraction import marks
 from slamcu_server.trust.table import trusting
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_server.aggregation.cells import Cell, lock_keys, map_key
+from slamcu_server.database.statements import text
 
 CELL_BUDGET = 1000
 """Cells that one transaction locks one by one; PostgreSQL's table of locks holds 6,400 by default, for everybody."""

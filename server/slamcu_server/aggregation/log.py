@@ -6,8 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 
-from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
+
+from slamcu_server.database.statements import text
 
 CHANNEL = "slamcu_messages"
 """The channel on which the ingest tells that messages wait."""
@@ -79,6 +80,8 @@ async def mark_fused(connection: AsyncConnection, ids: Iterable[int]) -> None:
 
 async def quarantine(connection: AsyncConnection, reasons: Mapping[int, str]) -> None:
     """Put messages that cannot be fused aside, each with its reason."""
+    if not reasons:
+        return
     await connection.execute(
         text("""
         UPDATE messages m

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_server.aggregation.boxes import PROBE
 from slamcu_server.aggregation.bulk import array, arrays, given, unnest
 from slamcu_server.aggregation.condensed import NAMES, WATCHED, Reported
+from slamcu_server.database.statements import text
 
 Indices = NDArray[np.intp]
 
@@ -150,13 +150,18 @@ async def _features(
 
 async def watches(connection: AsyncConnection, ids: Iterable[int]) -> dict[int, WatchReference]:
     """Return watch features by id, each with the candidate or map feature that it is now."""
+    asked = sorted(set(ids))
+    if not asked:
+        return {}
     found = await connection.execute(
         text(f"""
         SELECT c.id, c.map_id, root.id AS candidate_id, root.feature_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat
-        FROM candidates c
-        JOIN candidates root ON root.id = COALESCE(c.merged_into, c.id)
-        JOIN passes p ON p.id = c.founding_pass
-        WHERE c.id = ANY({array("ids", "bigint")})"""),  # noqa: S608  (constants)
-        {"ids": given("bigint", sorted(set(ids)))},
+        FROM {unnest({"id": "bigint"})}
+        CROSS JOIN LATERAL (
+            SELECT id, map_id, COALESCE(merged_into, id) AS root, founding_pass FROM candidates
+            WHERE id = r.id {PROBE}) c
+        CROSS JOIN LATERAL (SELECT id, feature_id FROM candidates WHERE id = c.root {PROBE}) root
+        JOIN passes p ON p.id = c.founding_pass"""),  # noqa: S608  (constants)
+        {"id": given("bigint", asked)},
     )
     return {row[0]: WatchReference(*row) for row in found}

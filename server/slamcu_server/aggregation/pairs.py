@@ -11,7 +11,6 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.aggregation import Half, Policy, pair
@@ -19,6 +18,7 @@ from slamcu_server.aggregation.boxes import PROBE, both_sides, box, degrees
 from slamcu_server.aggregation.bulk import arrays, unnest
 from slamcu_server.aggregation.evidence import covariances, frame_at
 from slamcu_server.changes.belief import Belief, Kind, Pair, Subject, masses
+from slamcu_server.database.statements import text
 
 Held = Mapping[int, tuple[Subject, Belief]]
 Place = tuple[int, float, float]  # map id, lon, lat
@@ -110,6 +110,9 @@ async def candidates_beside(
 ) -> dict[int, Place]:
     """Return the open candidates near places, and those with these ids, each with its founding place."""
     rows = [dict(zip(_PLACE_TYPES, place, strict=True)) for place in both_sides(sorted(set(places)))]
+    asked = sorted(set(ids))
+    if not (rows or asked):
+        return {}
     result = await connection.execute(
         text(f"""
         SELECT c.id, c.map_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat
@@ -121,7 +124,7 @@ async def candidates_beside(
         ) asked
         JOIN candidates c ON c.id = asked.id JOIN passes p ON p.id = c.founding_pass
         WHERE c.merged_into IS NULL AND c.feature_id IS NULL"""),  # noqa: S608  (constants)
-        {**arrays(_PLACE_TYPES, rows), "reach": degrees(reach_m), "ids": sorted(set(ids))},
+        {**arrays(_PLACE_TYPES, rows), "reach": degrees(reach_m), "ids": asked},
     )
     return {row.id: (row.map_id, row.lon, row.lat) for row in result}
 
@@ -133,6 +136,8 @@ async def features_beside(connection: AsyncConnection, places: Iterable[Place], 
     against.
     """
     rows = [dict(zip(_PLACE_TYPES, place, strict=True)) for place in both_sides(sorted(set(places)))]
+    if not rows:
+        return set()
     result = await connection.execute(
         text(f"""
         SELECT DISTINCT v.feature_id FROM {unnest(_PLACE_TYPES)}
@@ -148,13 +153,15 @@ async def features_beside(connection: AsyncConnection, places: Iterable[Place], 
 
 async def write_pairs(connection: AsyncConnection, pairs: Sequence[Pair], candidates: Iterable[int]) -> None:
     """Say of candidates with which map features they are one change, or with none."""
+    if not (concerned := sorted(set(candidates))):
+        return
     types = {"id": "bigint", "feature": "bigint", "kind": "text"}
     partners = {one.candidate_id: one for one in pairs}
     rows = [
         {"id": key, "feature": partners[key].feature_id, "kind": partners[key].kind.value}
         if key in partners
         else {"id": key, "feature": None, "kind": None}
-        for key in sorted(set(candidates))
+        for key in concerned
     ]
     await connection.execute(
         text(f"""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.aggregation import Policy
 from slamcu_core.errors import FormatError, SlamcuError
+from slamcu_server.database.statements import text
 
 
 def load_policy(path: Path | None) -> Policy:

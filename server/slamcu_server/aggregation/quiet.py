@@ -22,6 +22,7 @@ from slamcu_server.aggregation import reads, windows, writes
 from slamcu_server.aggregation.binary import Column
 from slamcu_server.aggregation.condensed import instants
 from slamcu_server.aggregation.lookups import KnownFeatures
+from slamcu_server.aggregation.windowed import windowed_features
 from slamcu_server.changes.transitions import may_speak
 
 _EPOCH_US = round(EPOCH_S * 1e6)
@@ -60,7 +61,7 @@ async def append(
     known_features : most of these map features; what the others are is asked for.
     """
     ids, counts = np.unique(about, return_counts=True)
-    features = await reads.windowed_features(connection, dict(zip(ids.tolist(), counts.tolist(), strict=True)))
+    features = await windowed_features(connection, dict(zip(ids.tolist(), counts.tolist(), strict=True)))
     feature_class, confidence = await _kinds(connection, features.id, known_features)
     held = _Held(
         windows.unpack(features.windows),

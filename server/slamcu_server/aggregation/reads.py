@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-from sqlalchemy import Row, text
+from sqlalchemy import Row
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.reports import DetectionStatus
@@ -15,6 +13,7 @@ from slamcu_server.aggregation.boxes import PROBE, both_sides, box, degrees
 from slamcu_server.aggregation.bulk import arrays, unnest
 from slamcu_server.aggregation.passes import StoredPass
 from slamcu_server.aggregation.resolve import NearbyFeature
+from slamcu_server.database.statements import text
 
 _SELECT = """
 SELECT p.id, p.contributor_id, m.session_id, m.message_id, p.index_in_message, p.map_id, p.started_at, p.ended_at,
@@ -22,6 +21,7 @@ SELECT p.id, p.contributor_id, m.session_id, m.message_id, p.index_in_message, p
        p.feature_id, p.watch_id, p.candidate_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat, p.cov_xx, p.cov_xy, p.cov_yy
 FROM passes p JOIN messages m ON m.id = p.message
 """
+_STATUS = {status.value: status for status in DetectionStatus}
 _COUNTS = "NOT p.archived AND p.retraction_id IS NULL"
 _UNREFERENCED = f"p.feature_id IS NULL AND p.watch_id IS NULL AND {_COUNTS}"  # the partial index's predicate, and more
 
@@ -45,28 +45,6 @@ class MappedFeature:
 
 
 @dataclass(frozen=True, slots=True)
-class WindowedFeatures:
-    """N map features and the windows of the passes that they were folded from before this transaction."""
-
-    id: NDArray[np.int64]  # in ascending order
-    said: NDArray[np.bool_]  # whether a change about it was ever told, or evidence against it has mattered before
-    known: NDArray[np.bool_]  # whether the window is of all its passes
-    window_bytes: NDArray[np.int64]  # how long each is
-    windows: bytes  # one after the other
-
-    def in_order(self) -> WindowedFeatures:
-        """Return the same in order of their ids: PostgreSQL would sort megabytes, which are nearly always in order."""
-        order = np.argsort(self.id)
-        if (order == np.arange(len(order))).all():
-            return self
-        ends = np.cumsum(self.window_bytes)
-        pieces = [self.windows[ends[at] - self.window_bytes[at] : ends[at]] for at in order.tolist()]
-        return WindowedFeatures(
-            self.id[order], self.said[order], self.known[order], self.window_bytes[order], b"".join(pieces)
-        )
-
-
-@dataclass(frozen=True, slots=True)
 class KnownCandidate:
     """A candidate as stored."""
 
@@ -77,12 +55,14 @@ class KnownCandidate:
 
 async def anchors(connection: AsyncConnection, ids: Iterable[int]) -> list[tuple[int, float, float]]:
     """Return (map id, lon, lat) of where map features were first mapped, and of where their maps have them now."""
+    if not (asked := sorted(set(ids))):
+        return []
     found = await connection.execute(
         text("""
         SELECT map_id, ST_X(geom) AS lon, ST_Y(geom) AS lat FROM feature_versions v
         WHERE feature_id = ANY(CAST(:ids AS bigint[])) AND (to_sequence IS NULL OR from_sequence = (
             SELECT min(from_sequence) FROM feature_versions first WHERE first.feature_id = v.feature_id))"""),
-        {"ids": sorted(set(ids))},
+        {"ids": asked},
     )
     return [(row.map_id, row.lon, row.lat) for row in found]
 
@@ -107,43 +87,6 @@ async def features(connection: AsyncConnection, ids: Iterable[int]) -> dict[int,
     return {row.id: MappedFeature(**row._mapping) for row in found}  # noqa: SLF001  (a row's public mapping)
 
 
-async def windowed_features(connection: AsyncConnection, added: Mapping[int, int]) -> WindowedFeatures:
-    """Return map features with their windows; `added` says how many passes each has got in this transaction.
-
-    A window counts if nothing has written the row since it was packed: a server before 0.3 leaves it as it was. Where
-    there is no row, nothing was known if nothing but what was just added is stored.
-    """
-    types = {"id": "bigint", "added": "integer"}
-    rows = [{"id": key, "added": added[key]} for key in sorted(added)]
-    found = await connection.execute(
-        text(f"""
-        SELECT array_agg(id), array_agg(said), array_agg("window" IS NOT NULL),
-               array_agg(COALESCE(octet_length("window"), 0)), string_agg("window", '')
-        FROM (
-            SELECT r.id,
-                   EXISTS (SELECT FROM changes c WHERE c.feature_id = r.id)
-                   OR COALESCE(s.weight_against > s.weight_for OR s.fades_at IS NOT NULL, false) AS said,
-                   CASE WHEN s.feature_id IS NOT NULL THEN
-                            CASE WHEN s.window_at = s.updated_at THEN s.passes_window END
-                        WHEN (SELECT count(*) FROM (
-                            SELECT FROM passes p WHERE p.feature_id = r.id LIMIT r.added + 1) few) <= r.added
-                        THEN ''::bytea END AS "window"
-            FROM {unnest(types)}
-            LEFT JOIN LATERAL (
-                SELECT feature_id, weight_for, weight_against, fades_at, passes_window, window_at, updated_at
-                FROM feature_states WHERE feature_id = r.id {PROBE}) s ON true) each"""),  # noqa: S608  (constants)
-        arrays(types, rows),
-    )
-    ids, said, known, window_bytes, windows = (column or () for column in found.one())
-    return WindowedFeatures(
-        np.array(ids, np.int64),
-        np.array(said, bool),
-        np.array(known, bool),
-        np.array(window_bytes, np.int64),
-        windows or b"",
-    ).in_order()
-
-
 async def features_near(
     connection: AsyncConnection, places: Sequence[tuple[int, float, float]], reach_deg: float
 ) -> list[list[NearbyFeature]]:
@@ -154,6 +97,8 @@ async def features_near(
         for index, place in enumerate(places)
         for side in both_sides([place])
     ]
+    if not rows:
+        return []
     found = await connection.execute(
         text(f"""
         SELECT r.place, v.feature_id AS id, first.since, v.feature_class, v.sign, v.value, v.position_std_m,
@@ -238,9 +183,11 @@ async def passes_over_feature_before(connection: AsyncConnection, feature_id: in
 
 async def passes_over_watches(connection: AsyncConnection, ids: Iterable[int]) -> dict[int, list[StoredPass]]:
     """Return the passes that named watch features and still count for candidates, by watch feature."""
+    if not (asked := sorted(set(ids))):
+        return {}
     result = await connection.execute(
         text(f"{_SELECT} WHERE p.watch_id = ANY(CAST(:ids AS bigint[])) AND p.feature_id IS NULL AND {_COUNTS}"),
-        {"ids": sorted(set(ids))},
+        {"ids": asked},
     )
     by_watch: dict[int, list[StoredPass]] = {}
     for item in map(stored_pass, result):
@@ -287,7 +234,7 @@ def stored_pass(row: Row[tuple[object, ...]]) -> StoredPass:
         map_id=row.map_id,
         started_at=row.started_at,
         ended_at=row.ended_at,
-        status=DetectionStatus(row.status),
+        status=_STATUS[row.status],
         feature_class=row.feature_class,
         sign=row.sign,
         value=row.value,

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from slamcu_core.aggregation import Policy
@@ -19,6 +18,7 @@ from slamcu_server.aggregation.pairs import Held, pair_beliefs
 from slamcu_server.aggregation.policy import remember_policy
 from slamcu_server.aggregation.refold import Touched, candidate_belief, feature_belief, refold
 from slamcu_server.changes import feed
+from slamcu_server.database.statements import text
 from slamcu_server.trust.table import trusting
 
 TOLERANCE = 1e-9

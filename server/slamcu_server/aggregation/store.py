@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_server.aggregation.binary import Column, copy, text_field
 from slamcu_server.aggregation.condensed import PLACED, STATUSES, VALID
 from slamcu_server.aggregation.resolve import Resolved
+from slamcu_server.database.statements import text
 
 _TEXTS = ("status", "feature_class", "sign", "value", "sensor_model", "software_version", "fleet_id")
 

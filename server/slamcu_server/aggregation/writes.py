@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 
-from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_server.aggregation.binary import Column, copy, text_field
@@ -13,6 +12,7 @@ from slamcu_server.aggregation.boxes import PROBE
 from slamcu_server.aggregation.bulk import arrays, unnest
 from slamcu_server.aggregation.evidence import Summary
 from slamcu_server.aggregation.folding import CandidateFold
+from slamcu_server.database.statements import text
 
 _BELIEF_TYPES = {
     "weight_for": "float8",
@@ -100,6 +100,8 @@ def candidate_row(fold: CandidateFold, policy_version: str) -> Row:
 
 async def upsert_feature_states(connection: AsyncConnection, rows: Mapping[int, Row]) -> None:
     """Write what is believed about map features, given by their ids."""
+    if not rows:
+        return
     ordered = [{"feature_id": key, **rows[key]} for key in sorted(rows)]
     await connection.execute(text(_upsert(unnest(FEATURE_TYPES))), arrays(FEATURE_TYPES, ordered))
 
@@ -138,6 +140,8 @@ def _upsert(source: str) -> str:
 
 async def insert_candidates(connection: AsyncConnection, rows: Sequence[Row]) -> dict[int, int]:
     """Write new candidates and return their ids by founding pass."""
+    if not rows:
+        return {}
     columns = ", ".join(_CANDIDATE_TYPES)
     types = {**_CANDIDATE_TYPES, "lon": "float8", "lat": "float8"}
     result = await connection.execute(
@@ -152,6 +156,8 @@ async def insert_candidates(connection: AsyncConnection, rows: Sequence[Row]) ->
 
 async def update_candidates(connection: AsyncConnection, rows: Mapping[int, Row]) -> None:
     """Write what is believed about candidates that are there; each stands for itself again if it was merged."""
+    if not rows:
+        return
     types = {"id": "bigint", **_CANDIDATE_TYPES, "lon": "float8", "lat": "float8"}
     kept = [name for name in _CANDIDATE_TYPES if name not in ("founding_pass", "map_id")]
     updates = ", ".join(f"{name} = r.{name}" for name in kept)
@@ -165,6 +171,8 @@ async def update_candidates(connection: AsyncConnection, rows: Mapping[int, Row]
 
 async def merge_candidates(connection: AsyncConnection, into: Mapping[int, int]) -> None:
     """Say of candidates which other one their founding passes now belong to."""
+    if not into:
+        return
     types = {"id": "bigint", "target": "bigint"}
     await connection.execute(
         text(f"UPDATE candidates c SET merged_into = r.target FROM {unnest(types)} WHERE c.id = r.id"),  # noqa: S608
@@ -174,6 +182,8 @@ async def merge_candidates(connection: AsyncConnection, into: Mapping[int, int])
 
 async def assign_passes(connection: AsyncConnection, candidates: Mapping[int, int | None]) -> None:
     """Say of passes which candidate they count for."""
+    if not candidates:
+        return
     types = {"id": "bigint", "candidate_id": "bigint"}
     await connection.execute(
         text(f"UPDATE passes p SET candidate_id = r.candidate_id FROM {unnest(types)} WHERE p.id = r.id"),  # noqa: S608
@@ -183,11 +193,14 @@ async def assign_passes(connection: AsyncConnection, candidates: Mapping[int, in
 
 async def delete_passes(connection: AsyncConnection, ids: Iterable[int]) -> None:
     """Forget passes that no fold will need again: nothing about a vehicle is kept longer than it serves."""
-    await connection.execute(text("DELETE FROM passes WHERE id = ANY(CAST(:ids AS bigint[]))"), {"ids": sorted(ids)})
+    if gone := sorted(ids):
+        await connection.execute(text("DELETE FROM passes WHERE id = ANY(CAST(:ids AS bigint[]))"), {"ids": gone})
 
 
 async def delete_passes_before(connection: AsyncConnection, ends: Mapping[int, datetime]) -> None:
     """Forget the passes over map features that ended before a time of each, as `delete_passes` does by their ids."""
+    if not ends:
+        return
     types = {"id": "bigint", "end": "timestamptz"}
     # an array, so that the passes are found by their index, however many are stored
     await connection.execute(

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_server.aggregation.bulk import arrays, unnest
 from slamcu_server.changes.belief import Kind, State
 from slamcu_server.changes.document import Document
+from slamcu_server.database.statements import text
 
 _SALT_BYTES = 16
 _CONTENT_TYPES = {"state": "text", "revision": "integer", "document": "text", "lon": "float8", "lat": "float8"}
@@ -34,10 +34,18 @@ class Entry:
     revision: int
     document: Document
     ends: Ends | None = None  # what it is about from now on; None: what it was
+    written: str | None = None  # the document as `write` writes it, where it is written twice
+
+
+def write(document: Document) -> str:
+    """Return a document as JSON."""
+    return json.dumps(document, allow_nan=False)
 
 
 async def revise(connection: AsyncConnection, entries: Sequence[Entry]) -> None:
     """Write the next revision of changes."""
+    if not entries:
+        return
     types = {"id": "bigint", **_CONTENT_TYPES}
     rows = [{"id": entry.change_id, **_row(entry)} for entry in sorted(entries, key=lambda entry: entry.change_id)]
     await connection.execute(
@@ -134,6 +142,9 @@ async def open_changes(
         "salt": "bytea",
         **_CONTENT_TYPES,
     }
+    if not changes:
+        return []
+    written = [write(document) for *_, document in changes]
     rows = [
         {
             "map_id": map_id,
@@ -141,9 +152,9 @@ async def open_changes(
             "feature_id": ends[0],
             "candidate_id": ends[1],
             "salt": secrets.token_bytes(_SALT_BYTES),
-            **_content(state, 1, document),
+            **_content(state, 1, document, told),
         }
-        for map_id, kind, ends, state, document in changes
+        for (map_id, kind, ends, state, document), told in zip(changes, written, strict=True)
     ]
     result = await connection.execute(
         text(f"""
@@ -154,19 +165,22 @@ async def open_changes(
         arrays(types, rows),
     )
     ids = {(row.feature_id, row.candidate_id): row.id for row in result}
-    return [Entry(ids[ends], map_id, kind, state, 1, document) for map_id, kind, ends, state, document in changes]
+    return [
+        Entry(ids[ends], map_id, kind, state, 1, document, written=told)
+        for (map_id, kind, ends, state, document), told in zip(changes, written, strict=True)
+    ]
 
 
 def _row(entry: Entry) -> dict[str, Any]:
-    return _content(entry.state, entry.revision, entry.document)
+    return _content(entry.state, entry.revision, entry.document, entry.written or write(entry.document))
 
 
-def _content(state: State, revision: int, document: Document) -> dict[str, Any]:
+def _content(state: State, revision: int, document: Document, written: str) -> dict[str, Any]:
     lon, lat = document["geometry"]["coordinates"]
     return {
         "state": state.value,
         "revision": revision,
-        "document": json.dumps(document, allow_nan=False),
+        "document": written,
         "lon": lon,
         "lat": lat,
     }

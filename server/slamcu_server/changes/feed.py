@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 
-from sqlalchemy import text
 from sqlalchemy.dialects.postgresql import JSONB
 from sqlalchemy.ext.asyncio import AsyncConnection
 
@@ -13,9 +12,10 @@ from slamcu_core.aggregation import Policy, Trusts
 from slamcu_server.changes.belief import DENIED, Beliefs, Kind, State
 from slamcu_server.changes.claims import claims, read
 from slamcu_server.changes.document import Document, claim_document, withdrawn_document
-from slamcu_server.changes.entries import Entry, append, open_changes, revise, settle
+from slamcu_server.changes.entries import Entry, append, open_changes, revise, settle, write
 from slamcu_server.changes.plan import Said, plan
 from slamcu_server.changes.transitions import Published
+from slamcu_server.database.statements import text
 
 __all__ = ["Entry", "append", "publish", "revise", "settle"]
 
@@ -54,7 +54,9 @@ def _revision(published: Published, one: Said, document: Document) -> Entry:
         kind, ends = published.kind, None
     else:
         kind, ends = one.claim.kind, one.claim.ends
-    return Entry(published.id, published.map_id, kind, one.state, published.revision + 1, document, ends)
+    return Entry(
+        published.id, published.map_id, kind, one.state, published.revision + 1, document, ends, write(document)
+    )
 
 
 def _document(one: Said, maps: Mapping[int, tuple[str, datetime | None]], policy: Policy) -> Document:

@@ -9,11 +9,11 @@ from enum import StrEnum
 from functools import cached_property
 from typing import Protocol
 
-from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_server.aggregation import log as worker_log
 from slamcu_server.aggregation.log import ClaimedMessage
+from slamcu_server.database.statements import text
 
 
 class Outcome(StrEnum):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 
-from sqlalchemy import select, text
+from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.hd_map import MapIdentity
 from slamcu_server.aggregation.boxes import PROBE
 from slamcu_server.aggregation.bulk import arrays, unnest
+from slamcu_server.database.statements import text
 from slamcu_server.database.tables import candidates
 
 

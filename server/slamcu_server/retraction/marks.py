@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
+
+from slamcu_server.database.statements import text
 
 ACTIVE = "('requested', 'applying', 'applied')"
 """The states, in SQL, in which a retraction holds."""

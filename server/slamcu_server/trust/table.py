@@ -9,11 +9,11 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.aggregation import Policy, Tally, Trusts
 from slamcu_server.aggregation.bulk import arrays, unnest
+from slamcu_server.database.statements import text
 
 _loaded: WeakKeyDictionary[Any, Trusts] = WeakKeyDictionary()
 """The newest version that this process has read, by database."""
