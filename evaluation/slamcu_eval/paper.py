@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 from time import perf_counter
 from typing import Any
 
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from slamcu_core.drive import DetectionFrame
 from slamcu_core.filter import FeatureEstimate, FilterParameters, SlamcuFilter
 from slamcu_core.reports import PassReport
+from slamcu_eval.copies import clean_copies
 from slamcu_eval.curves import feature_curves
 from slamcu_eval.highway import Drive, HighwayParameters, World, make_drive, make_world
 from slamcu_eval.machine import machine
@@ -185,8 +185,7 @@ def run_drives(
     if jobs <= 1:
         return list(_one_by_one(drives, seed, particles, parameters, done))
     outcomes: dict[int, Outcome] = {}
-    # Fresh interpreters: a forked copy of a process with threads (the progress bar has one) may hang.
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(jobs, mp_context=clean_copies()) as pool:
         waiting = {pool.submit(run_drive, seed, drive, particles, parameters): drive for drive in range(drives)}
         for future in as_completed(waiting):
             outcomes[waiting[future]] = future.result()

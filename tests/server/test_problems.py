@@ -60,7 +60,7 @@ async def test_an_unexpected_error_shows_nothing_and_is_logged(
 async def test_a_failed_request_leaves_nothing_behind(
     app: FastAPI, client: httpx.AsyncClient, engine: AsyncEngine
 ) -> None:
-    from slamcu_server.database.engine import WriteTransaction
+    from slamcu_server.database.transactions import WriteTransaction
     from slamcu_server.problems import Problem
 
     # The application's annotations are read in the module's namespace, which does not have this one.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
@@ -11,6 +10,7 @@ from functools import lru_cache
 from slamcu_core.filter import FilterParameters
 from slamcu_eval.ablation.parts import replaced
 from slamcu_eval.ablation.variants import VARIANTS
+from slamcu_eval.copies import clean_copies
 from slamcu_eval.fleet import drive_vehicle
 from slamcu_eval.highway import HighwayParameters
 from slamcu_eval.mrclam.experiment import robot_run
@@ -117,9 +117,7 @@ def run_ablation(
         ]
     begin(len(tasks))
     cells: dict[int, Cell] = {}
-    # Fresh interpreters: a forked copy of a process with threads (the progress bar has one) may hang.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(jobs, len(tasks)) or 1, mp_context=context) as pool:
+    with ProcessPoolExecutor(min(jobs, len(tasks)) or 1, mp_context=clean_copies()) as pool:
         waiting = {pool.submit(task.run): number for number, task in enumerate(tasks)}
         for future in as_completed(waiting):
             cells[waiting[future]] = future.result()

@@ -14,7 +14,7 @@ from typing import Self
 
 from slamcu_client import Server
 from slamcu_core.aggregation import Policy
-from slamcu_eval.fleet.program import Program, ProgramError, run_server_command
+from slamcu_eval.fleet.program import Program, ProgramError
 from slamcu_eval.fleet.provider import CloudError, Provider
 from slamcu_eval.fleet.signals import signals_as_exit
 from slamcu_server.database.embedded import EmbeddedCluster
@@ -152,20 +152,19 @@ class Cloud(Provider):
 
     # --- what is done with it ---------------------------------------------------------------------------------------
 
-    def command(self, *arguments: str) -> str:
-        """Run `slamcu-server` on the same data and return its output; raise ProgramError if it fails."""
-        return run_server_command(arguments, self._environment)
-
     def import_map(self, path: Path) -> None:
-        """Import an HD map (GeoJSON)."""
-        self.command("import-map", str(path))
+        """Import an HD map (GeoJSON); raises SlamcuError if the file cannot be used."""
+        from slamcu_eval.fleet import office  # noqa: PLC0415  (vehicles' processes need none of the server)
+
+        office.import_map(self.data_dir, self._policy or Policy(), path)
 
     def create_keys(self, role: str, count: int) -> list[str]:
         """Make accounts of a role, and return a key of each."""
-        self._batches += 1
-        label = f"{role}-{self._batches}"  # labels are unique, and another batch may come
-        output = self.command("create-key", "--role", role, "--label", label, "--count", str(count))
-        return [line.rsplit("\t", 1)[-1] for line in output.split("\n") if line.strip()]
+        from slamcu_eval.fleet import office  # noqa: PLC0415
+
+        self._batches += 1  # labels are unique, and another batch may come
+        labels = [f"{role}-{self._batches}-{number}" for number in range(1, count + 1)]
+        return office.create_keys(self.data_dir, role, labels)
 
     def pending(self) -> int:
         """Return how many messages wait to be fused; raise CloudError if one was put aside as unusable."""

@@ -12,6 +12,7 @@ from functools import partial
 from multiprocessing.queues import Queue
 
 from slamcu_core.errors import SlamcuError
+from slamcu_eval.copies import clean_copies
 from slamcu_eval.fleet.vehicle import VehicleJob, VehicleOutcome, drive_vehicle
 
 Tell = Callable[[int, float], None]
@@ -36,7 +37,7 @@ def drive_fleet(
 
     Raises VehicleError if one could not drive or report; the others are stopped then, as they are on Ctrl-C.
     """
-    context = mp.get_context("spawn")  # no locks and threads of the parent in the middle of something
+    context = clean_copies()
     shares: Queue[tuple[int, float]] = context.Queue()
     count = min(processes or os.cpu_count() or 1, len(jobs))
     pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(shares,))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter
 
 from slamcu_core.drive import GnssFix, InitialPose, Odometry
 from slamcu_eval.highway.parameters import VehicleParameters
@@ -89,7 +89,7 @@ def gauss_markov(count: int, keep: float, std: float, rng: np.random.Generator) 
     noise = rng.normal(0.0, std * np.sqrt(1.0 - keep**2), count)
     if count:
         noise[0] = rng.normal(0.0, std)
-    return np.asarray(lfilter([1.0], [1.0, -keep], noise), dtype=np.float64)
+    return np.array(list(accumulate(noise.tolist(), lambda last, new: keep * last + new)), dtype=np.float64)
 
 
 def measure_odometry(

@@ -15,7 +15,7 @@ from slamcu_server.changes import service
 from slamcu_server.changes.belief import Kind, State
 from slamcu_server.changes.repository import FeedQuery
 from slamcu_server.changes.schemas import Change, ExplainedChange, FeedPage, ReviewRequest
-from slamcu_server.database.engine import EngineDependency, ReadTransaction
+from slamcu_server.database.transactions import EngineDependency, ReadTransaction
 from slamcu_server.maps.bbox import BoundingBox
 from slamcu_server.problems import responses
 

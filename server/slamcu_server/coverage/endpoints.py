@@ -13,7 +13,7 @@ from slamcu_server.accounts.authentication import Provider
 from slamcu_server.coverage import service
 from slamcu_server.coverage.repository import CoverageQuery
 from slamcu_server.coverage.schemas import Coverage
-from slamcu_server.database.engine import ReadTransaction
+from slamcu_server.database.transactions import ReadTransaction
 from slamcu_server.maps.bbox import BoundingBox
 from slamcu_server.problems import responses
 

@@ -9,7 +9,7 @@ from fastapi.responses import JSONResponse, RedirectResponse
 from pydantic import AwareDatetime
 
 from slamcu_server.accounts.authentication import Provider
-from slamcu_server.database.engine import ReadTransaction
+from slamcu_server.database.transactions import ReadTransaction
 from slamcu_server.features import service
 from slamcu_server.features.repository import LookQuery
 from slamcu_server.features.schemas import Feature, LookPage

@@ -8,7 +8,7 @@ from typing import Any
 from fastapi import APIRouter, Request, status
 
 from slamcu_server.accounts.authentication import Reporter
-from slamcu_server.database.engine import EngineDependency
+from slamcu_server.database.transactions import EngineDependency
 from slamcu_server.ingest import body, service
 from slamcu_server.ingest.quota import Quota
 from slamcu_server.ingest.schemas import EXAMPLE_BATCH, IngestResult

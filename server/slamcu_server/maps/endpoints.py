@@ -9,7 +9,7 @@ from fastapi import APIRouter, Header, Path, Query, Response
 
 from slamcu_server.accounts.authentication import MapReader
 from slamcu_server.accounts.schemas import Role
-from slamcu_server.database.engine import ReadTransaction
+from slamcu_server.database.transactions import ReadTransaction
 from slamcu_server.maps import repository, service
 from slamcu_server.maps.schemas import FeaturePage, MapList, MapSummary, MapVersion, MapVersionPage
 from slamcu_server.problems import responses

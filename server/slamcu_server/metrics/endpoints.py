@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter, Request, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
-from slamcu_server.database.engine import ReadTransaction
+from slamcu_server.database.transactions import ReadTransaction
 from slamcu_server.metrics import repository
 from slamcu_server.metrics.instruments import Instruments
 

@@ -9,8 +9,8 @@ from sqlalchemy import select
 
 from slamcu_server.accounts.authentication import Provider
 from slamcu_server.aggregation.policy import load_policy
-from slamcu_server.database.engine import ReadTransaction
 from slamcu_server.database.tables import policies
+from slamcu_server.database.transactions import ReadTransaction
 from slamcu_server.policies.schemas import PolicyList, PolicySummary, PolicyVersion
 from slamcu_server.problems import Problem, responses
 

@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Response, status
 
 from slamcu_server.accounts.authentication import Admin
-from slamcu_server.database.engine import ReadTransaction, WriteTransaction
+from slamcu_server.database.transactions import ReadTransaction, WriteTransaction
 from slamcu_server.problems import responses
 from slamcu_server.retraction import service
 from slamcu_server.retraction.schemas import Retraction, RetractionPage, RetractionRequest, UndoRequest
