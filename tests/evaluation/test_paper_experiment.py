@@ -80,10 +80,10 @@ def test_a_drive_without_a_pose_is_diverged(outcomes: list[Outcome]) -> None:
 
 def test_running_in_parallel_changes_nothing_but_the_time(outcomes: list[Outcome]) -> None:
     finished = []
-    parallel = run_drives(3, 1, 100, jobs=2, parameters=SHORT, done=lambda: finished.append(1))
-    assert len(finished) == 3
-    assert [o.score for o in parallel] == [o.score for o in outcomes]
-    assert [o.pose_errors_m for o in parallel] == [o.pose_errors_m for o in outcomes]
+    parallel = run_drives(2, 1, 100, jobs=2, parameters=SHORT, done=lambda: finished.append(1))
+    assert len(finished) == 2
+    assert [o.score for o in parallel] == [o.score for o in outcomes[:2]]
+    assert [o.pose_errors_m for o in parallel] == [o.pose_errors_m for o in outcomes[:2]]
 
 
 def test_drives_of_different_experiments_share_no_world() -> None:
