@@ -22,6 +22,7 @@ class Instant:
 
     t: float  # s since the start of the drive
     share: float  # of the frame's evidence that is its own
+    fresh: float  # of what it measures that is its own
     pose: Array  # (3,) mean of the particles
     reckoned: Array  # (3,) pose by dead reckoning: it drifts, but never jumps
     speed: float  # m/s

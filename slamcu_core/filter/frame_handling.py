@@ -22,6 +22,7 @@ from slamcu_core.filter.map_management import MapManagement
 from slamcu_core.filter.neighbourhood import Neighbourhood
 from slamcu_core.filter.table import FeatureTable, Kind
 from slamcu_core.filter.view import Lookout, View
+from slamcu_core.filter.whiteness import Whiteness
 from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]
@@ -41,6 +42,7 @@ class SensorAtWork:
     update: FrameUpdate
     codes: Index  # of the classes that it detects
     rates: DetectionRate
+    whiteness: Whiteness
     around: Index | None = None  # the active rows ...
     unmapped: float = 0.0  # ... and the things per m² of ground that the map is believed to lack among them
     last_frame: float = -np.inf
@@ -114,6 +116,7 @@ class FrameHandling:
         self._watch(sensor, view, columns, squares[detections, matched], usable, now=now)
         if usable.any():
             self._weighed_at = now.t
+        self._compare(sensor, view, seen, (detections[usable], matched[usable]), now)
         told = detections
         if certain is None:
             matches = update.weigh(view, seen, (detections, matched), usable, share=now.share, rng=self._rng)
@@ -122,8 +125,8 @@ class FrameHandling:
             matches = update.match(view, seen, (detections[sure], matched[sure]), looked)
             usable, told = usable[sure], detections[sure]
         if len(matches.close.rows):
-            update.calibrate(matches, usable, now.share)
-            update.update_new(matches, now.share)
+            update.calibrate(matches, usable, now.fresh)
+            update.update_new(matches, now.fresh)
             management.follow_watched(sensor.model, seen, (told, matches.close.rows), now)
         if len(rows):
             table.looks_hit[rows] += now.share
@@ -134,6 +137,21 @@ class FrameHandling:
             if certain is not None:
                 known &= certain[alone] > _SURE
             management.give_birth(sensor.model, seen, alone[known], now)
+
+    def _compare(
+        self, sensor: SensorAtWork, view: View, seen: Seen, matched: tuple[Index, Index], now: Instant
+    ) -> None:
+        """Compare how the map's features (A,) are seen with the last frame."""
+        detections, columns = matched
+        mapped = columns < view.mapped
+        detections, rows = detections[mapped], view.rows[columns[mapped]]
+        sensor.whiteness.learn(
+            now,
+            self._table.source[rows],
+            self._table.xy[rows].T,
+            seen.measurement[:, detections],
+            seen.noise[:, detections],
+        )
 
     def _watch(
         self,

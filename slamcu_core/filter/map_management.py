@@ -210,7 +210,7 @@ class MapManagement:
             measured[1] -= particles.calibration[1]
         places, by_feature = model.born(particles.pose, measured)
         particles.means[:, slots] = places
-        particles.covariances[:, slots] = birth_covariance(by_feature, seen.noise[:, detections, None] / now.share)
+        particles.covariances[:, slots] = birth_covariance(by_feature, seen.noise[:, detections, None] / now.fresh)
         return places
 
     def forget_refuted(self, rows: Index) -> None:

@@ -34,6 +34,7 @@ from slamcu_core.filter.resampling import resample
 from slamcu_core.filter.riders import Riders
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
 from slamcu_core.filter.view import Lookout
+from slamcu_core.filter.whiteness import Whiteness
 from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass
 from slamcu_core.hd_map import HDMap
 from slamcu_core.models import SensorModel, advance, yaw_rate_from_steering
@@ -137,7 +138,8 @@ class SlamcuFilter:
         parts = model, self._table, self._particles, self._calibration
         lookout = Lookout(*parts, MeanLook(*parts, codes=codes, gate=self.parameters.gate))
         rates = DetectionRate(model.sensor.detection_probability, model.sensor.max_range_m)
-        return SensorAtWork(model, lookout, FrameUpdate(*parts, self.parameters), codes, rates)
+        whiteness = Whiteness(model, self.parameters.correlation_time_s)
+        return SensorAtWork(model, lookout, FrameUpdate(*parts, self.parameters), codes, rates, whiteness)
 
     # --- what comes in ---------------------------------------------------------------------------------------------
 
@@ -225,7 +227,7 @@ class SlamcuFilter:
         occluders = sensor.occluders if record.t - sensor.occluders_at < 0.2 else ()
         view = sensor.lookout.look(self._around.rows, cloud, seen, occluders)
         if view is not None:
-            now = Instant(record.t, share, pose, self._reckoned, self._speed)
+            now = Instant(record.t, share, sensor.whiteness.fresh(share), pose, self._reckoned, self._speed)
             self._frames.take(sensor, view, seen, now)
             self._resample()
             self._recovery.remember(sensor.model, seen, now)

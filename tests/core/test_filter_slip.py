@@ -53,7 +53,7 @@ def test_a_robot_that_is_held_fast_while_it_is_told_to_turn_knows_its_heading_af
 
 
 def _heading_error(seed: int, *, slip_share: float) -> float:
-    """Return the error of the heading (rad) a while after a turn whose first half was not made."""
+    """Return the error of the heading (rad) a while after a turn of which the first 4.5 s were not made."""
     landmarks = [MapFeature(key, *map(float, FRAME.to_geographic(place))) for key, place in enumerate(LANDMARKS, 1)]
     parameters = FilterParameters.robot()
     parameters = replace(parameters, motion=replace(parameters.motion, slip_share=slip_share))
@@ -68,11 +68,11 @@ def _heading_error(seed: int, *, slip_share: float) -> float:
 
 
 def _held_fast(rng: np.random.Generator) -> Iterator[tuple[Record, float]]:
-    """Stand still, be told to turn at 0.4 rad/s for 6 s and do so from half of that on, stand still; with the truth."""
+    """Stand, be told to turn at 0.4 rad/s for 7.5 s and do so for the last 3 of them, and stand; with the truth."""
     heading = 0.0
-    for step in range(1, 151):
-        told = 0.4 if 30 <= step < 90 else 0.0
-        heading += 0.1 * told if step >= 60 else 0.0
+    for step in range(1, 166):
+        told = 0.4 if 30 <= step < 105 else 0.0
+        heading += 0.1 * told if step >= 75 else 0.0
         yield Odometry((step - 1) / 10, 0.0, yaw_rate=told), heading
         seen = []
         for x, y in LANDMARKS:

@@ -87,6 +87,10 @@ def no_fix(*_arguments: object) -> None:
     """Stand in for `GnssBias.update`: fixes are not taken."""
 
 
+def nothing_learned(*_arguments: object) -> None:
+    """Stand in for `Whiteness.learn`: frames are not compared."""
+
+
 def never_pays(*_arguments: object) -> bool:
     """Stand in for `proposal.pays`: poses are always sampled from the motion prior."""
     return False
@@ -99,7 +103,7 @@ def all_stand(table: Any, rows: Index, _speed: float, parameters: Any) -> NDArra
 
 def nothing_rides(_self: object, seen: Any, _odometer: float) -> NDArray[np.bool_]:
     """Stand in for `Riders.flag`: every detection is taken to belong to the road."""
-    return np.zeros(len(seen.measurement), dtype=bool)
+    return np.zeros(len(seen.weight), dtype=bool)
 
 
 def no_way_back(*_arguments: object) -> tuple[None, int, int]:

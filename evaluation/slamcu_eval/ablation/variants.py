@@ -90,6 +90,12 @@ _ALL = (
     Variant("particles_500", "500 particles", _set(particles=500)),
     Variant("no_tempering", "frames count as independent (6.2 as printed)", _set(correlation_time_s=0.0)),
     Variant(
+        "assumed_correlation",
+        "how much of the noise of near frames is common is assumed, not learned",
+        swaps=((f"{CORE}.whiteness:Whiteness", "learn", parts.nothing_learned),),
+        on_robots=False,
+    ),
+    Variant(
         "motion_prior",
         "poses are sampled from the motion prior (eq. 12), never with the measurement",
         swaps=((f"{CORE}.proposal", "pays", parts.never_pays),),
