@@ -1,7 +1,7 @@
 """Which deleted map feature and which new one are one thing: it has moved, or it says something else now.
 
-A pure rule over what is believed: what stands first, then the nearest under the combined covariance, one to one, ties
-in canonical order.
+A pure rule over what is believed: what stands first, then what enough contributors have seen, then the nearest under
+the combined covariance, one to one, ties in canonical order.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ class Half:
     begun: tuple[float | None, float | None]  # POSIX s, the change came about between these; None: no bound
     heading_deg: float | None = None  # compass direction that the map says its face looks
     standing: bool = True  # whether enough contributors say so for a change
+    contributors: int = 1  # who say so
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +54,7 @@ def pair(
 ) -> list[Pairing]:
     """Pair deleted features with candidates, one to one: what stands goes first, then what is nearest.
 
-    What one car only has seen may be anything; and a vague place is never far from anything.
+    What one car only has seen may be anything, and a vague place is never far from anything: that goes last.
 
     At the same place (within the gate and the match radius) they are one `modified` thing if sign or value differ, and
     one that has moved a little if not. Farther away, up to `pair_radius_m`, they are one moved thing if class and sign
@@ -68,7 +69,7 @@ def pair(
     -------
     The pairs in canonical order of their features.
     """
-    found: list[tuple[int, float, tuple[Any, ...], tuple[Any, ...], Pairing]] = []
+    found: list[tuple[int, bool, float, tuple[Any, ...], tuple[Any, ...], Pairing]] = []
     for feature in features:
         rules = policy.for_class(feature.feature_class)
         for candidate in candidates:
@@ -82,10 +83,11 @@ def pair(
             if modified is not None:
                 pairing = Pairing(feature.key, candidate.key, modified)
                 open_halves = (not feature.standing) + (not candidate.standing)
-                found.append((open_halves, squared, feature.order, candidate.order, pairing))
+                alone = candidate.contributors < rules.contributors_new
+                found.append((open_halves, alone, squared, feature.order, candidate.order, pairing))
     taken: set[tuple[bool, Hashable]] = set()
     pairs: list[tuple[tuple[Any, ...], Pairing]] = []
-    for _, _, order, _, one in sorted(found, key=lambda item: item[:4]):
+    for *_, order, _, one in sorted(found, key=lambda item: item[:5]):
         ends = {(True, one.feature), (False, one.candidate)}
         if not taken & ends:
             taken |= ends

@@ -28,8 +28,10 @@ def half(
     std_m: float = 0.3,
     heading_deg: float | None = None,
     standing: bool = True,
+    contributors: int = 1,
 ) -> tuple[Half, np.ndarray]:
-    made = Half(key, (key,), feature_class, sign, value, std_m**2 * np.eye(2), begun, heading_deg, standing)
+    covariance = std_m**2 * np.eye(2)
+    made = Half(key, (key,), feature_class, sign, value, covariance, begun, heading_deg, standing, contributors)
     return made, np.array([x, y])
 
 
@@ -114,6 +116,13 @@ def test_what_stands_is_paired_before_what_one_car_has_seen_however_vaguely() ->
     assert paired([gone], [vague]) == [Pairing("f", "vague", modified=False)]
     nearly = half("nearly", 2.9, std_m=3.0, standing=False)
     assert paired([nearly, gone], [sure]) == [Pairing("f", "sure", modified=False)]
+
+
+def test_what_several_have_seen_is_paired_before_what_one_has_though_neither_stands() -> None:
+    one = half("one", 0.5, value="60", standing=False)
+    several = half("several", 1.0, value="70", standing=False, contributors=2)
+    assert paired([half("f", 0.0)], [one, several]) == [Pairing("f", "several", modified=True)]
+    assert paired([half("f", 0.0)], [one]) == [Pairing("f", "one", modified=True)]
 
 
 @given(st.integers(0, 10_000))

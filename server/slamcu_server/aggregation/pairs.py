@@ -88,6 +88,7 @@ def _half(key: tuple[bool, int], belief: Belief) -> Half:
         begun=tuple(None if time is None else time.timestamp() for time in belief.begun),  # type: ignore[arg-type]
         heading_deg=belief.heading_deg,
         standing=belief.standing,
+        contributors=belief.contributors_for if belief.kind is Kind.NEW else belief.contributors_against,
     )
 
 

@@ -1,10 +1,11 @@
 """What beliefs claim of the map: each alone, or a deleted feature and a new one together. Pure.
 
-Two halves are one `moved` or `modified` change once both stand. Before that nothing is held up that a provider needs:
-a deletion that stands is told as such, and becomes the other kind when the new half stands too. Only a new feature
-beside which a deletion is under way waits for it, because it always stands earlier (two contributors, and no prior to
-overcome), until `pair_patience` contributors have seen it; in the same place it is no second sign, and waits as long as
-the deletion is under way.
+Two halves are one `moved` or `modified` change once the deletion stands and a quorum speaks for the new half: where a
+sign is known to be gone, what several have seen in its place or near it only says what became of it, and need not stand
+by itself. Nothing is held up that a provider needs: a deletion that stands is told as such, and becomes the other kind
+when enough have seen the new half. Only a new feature beside which a deletion is under way waits for it, because it
+always stands earlier (two contributors, and no prior to overcome), until `pair_patience` contributors have seen it; in
+the same place it is no second sign, and waits as long as the deletion is under way.
 """
 
 from __future__ import annotations
@@ -66,19 +67,21 @@ def claims(voices: Voices, pairs: Iterable[Pair], known: Sequence[Published], po
         if _denied(feature, known) or _denied(candidate, known):
             continue  # the provider has spoken about one of them: the other speaks for itself
         confirmed = any(row.state is State.CONFIRMED for row in known if row.is_about(feature, candidate))
-        made.append(_together(one.kind, feature, candidate, waits=not confirmed and _waits(feature, candidate, rules)))
+        waits = not confirmed and _waits(feature, candidate, rules)
+        made.append(_together(one.kind, feature, candidate, rules, waits=waits))
         paired |= {(True, one.feature_id), (False, one.candidate_id)}
     for mapped, held in ((True, voices.features), (False, voices.candidates)):
         made += [_alone(held[key]) for key in sorted(held) if (mapped, key) not in paired]
     return sorted(made, key=lambda claim: not claim.standing and claim.mass < _closing(claim, policy))
 
 
-def _together(kind: Kind, feature: Voice, candidate: Voice, *, waits: bool) -> Claim:
-    if feature.standing and not candidate.standing:
+def _together(kind: Kind, feature: Voice, candidate: Voice, rules: ClassPolicy, *, waits: bool) -> Claim:
+    seen = candidate.standing or candidate.belief.contributors_for >= rules.contributors_new
+    if feature.standing and not seen:
         return Claim(Kind.DELETED, standing=True, feature=feature, beside=candidate)
     if candidate.standing and not feature.standing and not waits:
         return Claim(Kind.NEW, standing=True, candidate=candidate, beside=feature)
-    return Claim(kind, standing=feature.standing and candidate.standing, feature=feature, candidate=candidate)
+    return Claim(kind, standing=feature.standing, feature=feature, candidate=candidate)
 
 
 def _alone(voice: Voice) -> Claim:

@@ -121,6 +121,15 @@ def test_a_new_half_waits_for_so_many(contributors: int, metres: float, kind: st
     assert summary(said(about, [], Pair(Kind.MOVED, 10, 20))) == [(None, kind, state)]
 
 
+@pytest.mark.parametrize(("contributors", "kind"), [(1, "deleted"), (2, "moved")])
+def test_what_became_of_a_sign_that_is_gone_is_for_a_quorum_to_say(contributors: int, kind: str) -> None:
+    disputed = candidate(20, weight=1.0, standing=False, contributors_for=contributors, weight_against=0.9)
+    assert summary(said([feature(10), disputed], [], Pair(Kind.MOVED, 10, 20))) == [(None, kind, State.CONFIRMED)]
+    doubted = feature(10, weight=0.9, standing=False)  # nobody knows yet that it is gone
+    [(_, _, state)] = summary(said([doubted, disputed], [], Pair(Kind.MOVED, 10, 20)))
+    assert state is State.CANDIDATE
+
+
 states = st.sampled_from(State)
 rows = st.lists(
     st.tuples(

@@ -111,6 +111,23 @@ async def test_a_deletion_does_not_wait_and_becomes_the_move_that_it_is(town: An
     assert {change for change, *_ in await told(town)} == {1}
 
 
+async def test_a_disputed_find_still_says_what_became_of_a_sign_that_is_gone(town: Any, reports: Any) -> None:
+    await moved(town, reports, cars=4)
+    assert (await told(town))[-1] == (1, "moved", "confirmed")
+    [new] = await town.candidates()
+    for number in range(3):
+        await drive(town, reports, f"c-{number}", 7 + number, reports.missed(new.id, hours=7 + number, watched=True))
+    [new] = await town.candidates()
+    assert not new.standing
+    assert (await told(town))[-1] == (1, "deleted", "confirmed")
+    await drive(town, reports, "e", 10, reports.seen(new.id, hours=10, watched=True))
+    [new] = await town.candidates()
+    assert not new.standing
+    assert (await told(town))[-1] == (1, "moved", "confirmed")
+    assert {change for change, *_ in await told(town)} == {1}
+    assert await rebuild.differences(town.engine, town.policy) == []
+
+
 async def test_a_new_sign_waits_for_the_other_half_only_so_long(town: Any, reports: Any) -> None:
     await drive(town, reports, "doubt-0", 0)
     await drive(town, reports, "doubt-1", 0.1)
