@@ -35,6 +35,7 @@ class Half:
     heading_deg: float | None = None  # compass direction that the map says its face looks
     standing: bool = True  # whether enough contributors say so for a change
     contributors: int = 1  # who say so
+    weak: bool = False  # of a map feature: too little is said for more than that what is in its place is no second one
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,8 @@ def pair(
 ) -> list[Pairing]:
     """Pair deleted features with candidates, one to one: what stands goes first, then what is nearest.
 
-    What one car only has seen may be anything, and a vague place is never far from anything: that goes last.
+    What one car only has seen may be anything, and a vague place is never far from anything: that goes later. A map
+    feature that is weakly denied comes last, and only for what is like it within the match radius.
 
     At the same place (within the gate and the match radius) they are one `modified` thing if sign or value differ, and
     one that has moved a little if not. Farther away, up to `pair_radius_m`, they are one moved thing if class and sign
@@ -69,7 +71,7 @@ def pair(
     -------
     The pairs in canonical order of their features.
     """
-    found: list[tuple[int, bool, float, tuple[Any, ...], tuple[Any, ...], Pairing]] = []
+    found: list[tuple[tuple[bool, int, bool], float, tuple[Any, ...], tuple[Any, ...], Pairing]] = []
     for feature in features:
         rules = policy.for_class(feature.feature_class)
         for candidate in candidates:
@@ -84,10 +86,11 @@ def pair(
                 pairing = Pairing(feature.key, candidate.key, modified)
                 open_halves = (not feature.standing) + (not candidate.standing)
                 alone = candidate.contributors < rules.contributors_new
-                found.append((open_halves, alone, squared, feature.order, candidate.order, pairing))
+                rank = feature.weak, open_halves, alone
+                found.append((rank, squared, feature.order, candidate.order, pairing))
     taken: set[tuple[bool, Hashable]] = set()
     pairs: list[tuple[tuple[Any, ...], Pairing]] = []
-    for *_, order, _, one in sorted(found, key=lambda item: item[:5]):
+    for *_, order, _, one in sorted(found, key=lambda item: item[:4]):
         ends = {(True, one.feature), (False, one.candidate)}
         if not taken & ends:
             taken |= ends
@@ -104,6 +107,8 @@ def _modified(feature: Half, candidate: Half, squared: float, shift: Array, rule
     """Tell whether two halves are one modified thing (True), a moved one (False), or not one (None)."""
     same = compatible(feature.sign, candidate.sign) and compatible(feature.value, candidate.value)
     distance_m = float(np.hypot(*shift))
+    if feature.weak and not (same and distance_m <= rules.match_radius_m):
+        return None
     if squared <= rules.gate and distance_m <= rules.match_radius_m:
         return not same
     if distance_m > rules.pair_radius_m or not same or feature.sign != candidate.sign:

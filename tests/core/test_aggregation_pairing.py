@@ -29,9 +29,10 @@ def half(
     heading_deg: float | None = None,
     standing: bool = True,
     contributors: int = 1,
+    weak: bool = False,
 ) -> tuple[Half, np.ndarray]:
     covariance = std_m**2 * np.eye(2)
-    made = Half(key, (key,), feature_class, sign, value, covariance, begun, heading_deg, standing, contributors)
+    made = Half(key, (key,), feature_class, sign, value, covariance, begun, heading_deg, standing, contributors, weak)
     return made, np.array([x, y])
 
 
@@ -123,6 +124,16 @@ def test_what_several_have_seen_is_paired_before_what_one_has_though_neither_sta
     several = half("several", 1.0, value="70", standing=False, contributors=2)
     assert paired([half("f", 0.0)], [one, several]) == [Pairing("f", "several", modified=True)]
     assert paired([half("f", 0.0)], [one]) == [Pairing("f", "one", modified=True)]
+
+
+def test_what_is_weakly_denied_pairs_last_and_only_with_what_is_like_it_and_near() -> None:
+    denied = half("denied", 0.0, weak=True, standing=False)
+    assert paired([denied], [half("c", 4.9)]) == [Pairing("denied", "c", modified=False)]
+    assert not paired([denied], [half("c", 5.1)])
+    assert not paired([denied], [half("c", 0.4, value="60")])
+    assert paired([denied, half("gone", 9.0, standing=False)], [half("c", 1.0)]) == [
+        Pairing("gone", "c", modified=False)
+    ]
 
 
 @given(st.integers(0, 10_000))

@@ -7,13 +7,13 @@ the stored beliefs.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from slamcu_core.aggregation import Half, Policy, pair
+from slamcu_core.aggregation import ClassPolicy, Half, Policy, pair
 from slamcu_server.aggregation.boxes import PROBE, both_sides, box, degrees
 from slamcu_server.aggregation.bulk import arrays, unnest
 from slamcu_server.aggregation.evidence import covariances, frame_at
@@ -28,18 +28,28 @@ _PLACE_TYPES = {"map_id": "bigint", "lon": "float8", "lat": "float8"}
 
 def strong(held: Held, policy: Policy) -> dict[int, Place]:
     """Return the places of the beliefs that may be halves of a change: from where one would be spoken of."""
+    return _believed(held, lambda rules: rules.opening_mass, policy)
+
+
+def doubted(features: Held, policy: Policy) -> dict[int, Place]:
+    """Return the places of the map features beside which a new half may have to wait: weakly denied ones too."""
+    return _believed(features, lambda rules: rules.closing_mass, policy)
+
+
+def _believed(held: Held, least: Callable[[ClassPolicy], float], policy: Policy) -> dict[int, Place]:
     beliefs = [belief for _, belief in held.values()]
     return {
         key: (subject.map_id, belief.lon, belief.lat)
         for (key, (subject, belief)), mass in zip(held.items(), masses(beliefs), strict=True)
-        if belief.standing or mass >= policy.for_class(belief.feature_class).opening_mass
+        if belief.standing or mass >= least(policy.for_class(belief.feature_class))
     }
 
 
 def pair_beliefs(features: Held, candidates: Held, policy: Policy) -> tuple[Pair, ...]:
     """Return which features and candidates are one change."""
     reach = degrees(policy.lock_reach_m)
-    deleted, new = _near(strong(features, policy), strong(candidates, policy), reach)
+    deleted, new = _near(doubted(features, policy), strong(candidates, policy), reach)
+    spoken_of = strong({key: features[key] for key in deleted}, policy)
 
     def difference(feature: Half, candidate: Half) -> NDArray[np.float64] | None:
         one, other = deleted[feature.key[1]], new[candidate.key[1]]  # type: ignore[index]  # the keys made below
@@ -49,7 +59,7 @@ def pair_beliefs(features: Held, candidates: Held, policy: Policy) -> tuple[Pair
         return np.asarray(frame.to_local(other[1], other[2]) - frame.to_local(one[1], one[2]))
 
     found = pair(
-        [_half((True, key), features[key][1]) for key in sorted(deleted)],
+        [_half((True, key), features[key][1], weak=key not in spoken_of) for key in sorted(deleted)],
         [_half((False, key), candidates[key][1]) for key in sorted(new)],
         difference,
         policy,
@@ -77,7 +87,7 @@ def _near(
     )
 
 
-def _half(key: tuple[bool, int], belief: Belief) -> Half:
+def _half(key: tuple[bool, int], belief: Belief, *, weak: bool = False) -> Half:
     return Half(
         key=key,
         order=belief.order,
@@ -89,6 +99,7 @@ def _half(key: tuple[bool, int], belief: Belief) -> Half:
         heading_deg=belief.heading_deg,
         standing=belief.standing,
         contributors=belief.contributors_for if belief.kind is Kind.NEW else belief.contributors_against,
+        weak=weak,
     )
 
 

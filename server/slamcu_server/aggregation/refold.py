@@ -28,6 +28,7 @@ from slamcu_server.aggregation.folding import (
 from slamcu_server.aggregation.locks import require_cells
 from slamcu_server.aggregation.pairs import (
     candidates_beside,
+    doubted,
     features_beside,
     pair_beliefs,
     stored_partners,
@@ -107,7 +108,7 @@ async def _further(
     Raises BeyondLockedCells if that lies beyond the cells that are held.
     """
     partners = await stored_partners(connection, {*known.features, *known.unmapped}, {*known.candidates, *known.merged})
-    deleted = [*strong(known.features, policy).values()]
+    deleted = [*doubted(known.features, policy).values()]
     new = [*strong(known.candidates, policy).values()]
     if not (partners or deleted or new):
         return None, frozenset()

@@ -5,7 +5,7 @@ sign is known to be gone, what several have seen in its place or near it only sa
 by itself. Nothing is held up that a provider needs: a deletion that stands is told as such, and becomes the other kind
 when enough have seen the new half. Only a new feature beside which a deletion is under way waits for it, because it
 always stands earlier (two contributors, and no prior to overcome), until `pair_patience` contributors have seen it; in
-the same place it is no second sign, and waits as long as the deletion is under way.
+the same place it is no second sign, and waits as long as the mapped one is denied at all.
 """
 
 from __future__ import annotations

@@ -152,6 +152,23 @@ async def test_what_stands_in_the_place_of_a_sign_in_doubt_is_no_second_one(town
     assert await rebuild.differences(town.engine, town.policy) == []
 
 
+async def test_what_stands_in_the_place_of_a_sign_that_some_deny_waits(
+    town: Any, reports: Any
+) -> None:
+    await drive(town, reports, "doubt-0", 0)
+    await drive(town, reports, "doubt-1", 1)
+    await drive(town, reports, "sure-0", 2, reports.seen(1, hours=2), missed=False)
+    for number in range(3, 6):
+        find = reports.find(2, 0, hours=number, sign="SPEED_LIMIT")
+        await drive(town, reports, f"car-{number}", number, find, missed=False)
+    assert [(row.kind, row.state) for row in await town.changes()] == [("moved", "candidate")]
+    assert await rebuild.differences(town.engine, town.policy) == []
+    for number in range(6, 8):
+        await drive(town, reports, f"sure-{number}", number, reports.seen(1, hours=number), missed=False)
+    assert ("new", "confirmed") in {(row.kind, row.state) for row in await town.changes()}
+    assert await rebuild.differences(town.engine, town.policy) == []
+
+
 async def test_two_changes_that_turn_out_to_be_one_are_joined_into_the_older(town: Any, reports: Any) -> None:
     for number in range(4):
         await drive(town, reports, f"a-{number}", number)
