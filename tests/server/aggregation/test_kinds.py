@@ -152,9 +152,7 @@ async def test_what_stands_in_the_place_of_a_sign_in_doubt_is_no_second_one(town
     assert await rebuild.differences(town.engine, town.policy) == []
 
 
-async def test_what_stands_in_the_place_of_a_sign_that_some_deny_waits(
-    town: Any, reports: Any
-) -> None:
+async def test_what_stands_in_the_place_of_a_sign_that_some_deny_waits(town: Any, reports: Any) -> None:
     await drive(town, reports, "doubt-0", 0)
     await drive(town, reports, "doubt-1", 1)
     await drive(town, reports, "sure-0", 2, reports.seen(1, hours=2), missed=False)
