@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -107,12 +108,15 @@ def test_least_squares_with_true_poses_is_exact_without_noise() -> None:
     assert np.linalg.norm(errors, axis=1).mean() < 0.6  # a twentieth of the measurements' own 2 m and more
 
 
-def test_the_command_writes_the_contract_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_the_contract_as_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("slamcu_eval.commands.paper.run_drives", partial(run_drives, parameters=SHORT))
     file = tmp_path / "paper.json"
     assert run(["paper", "--drives", "1", "--seed", "3", "--particles", "20", "--json", str(file)]) == 0
     figures = json.loads(file.read_text())
     assert figures.keys() >= KEYS
-    assert figures["features"] == 103
+    assert figures["features"] == 17
     assert figures["particles"] == 20
     table = capsys.readouterr().out
     assert "96.12%" in table
