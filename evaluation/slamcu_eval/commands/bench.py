@@ -44,20 +44,21 @@ class Scale(StrEnum):
     FULL = "full"
 
 
+# 64 contributions about a feature at most: those before a full window are not kept
 _CLOUD: dict[Scale, dict[str, Any]] = {
     Scale.SMALL: {
         "aggregation": (20_000, 10),
         "seconds": 20.0,
         "sizes": (10_000, 100_000),
         "stored_on": 20_000,
-        "stored": (20_000, 200_000),
+        "stored": (20_000, 200_000, 1_280_000),
     },
     Scale.FULL: {
         "aggregation": (100_000, 10),
         "seconds": 60.0,
         "sizes": (10_000, 100_000, 1_000_000),
-        "stored_on": 100_000,
-        "stored": (100_000, 1_000_000, 10_000_000),
+        "stored_on": 160_000,
+        "stored": (160_000, 1_600_000, 10_240_000),
     },
 }
 _CURVES: dict[Scale, dict[str, Any]] = {

@@ -27,7 +27,7 @@ from slamcu_server.trust.job import Recomputed, recompute
 logger = logging.getLogger(__name__)
 
 BATCH_SIZE = 128
-"""Messages: half as many cost a fifth more each, and twice as many save nothing and make all wait twice as long."""
+"""Messages: more would share what a batch costs by itself, and wait longer for each other."""
 
 POLL_S = 1.0  # between looks at the log when nobody calls: a notification may be lost with its connection
 _HOUSEKEEPING_S = 600.0
