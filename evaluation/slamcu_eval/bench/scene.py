@@ -2,8 +2,8 @@
 
 A car drives straight east at 20 m/s along the middle of a field in which signs stand in rows on both sides, about one
 for every two metres of road; a third of them is not in the map. Its camera takes 15 frames/s, sees 80 m and 40°, and
-shows each sign in view with a probability of 0.25, so that a frame has about 10 detections (a binomial number, not a
-fixed one) of 30 map features and 10 unmapped ones in view. A find stays live until it is far behind: about 50 are.
+shows each sign in view with a probability of 0.23, so that a frame has about 10 detections (a binomial number, not a
+fixed one) of 30 map features and 13 unmapped ones in view. A find stays live until it is far behind: about 50 are.
 Odometry comes with every frame, a satellite fix once a second. Everything enters by `SlamcuFilter.feed`; the filter is
 timed after it has driven far enough for the number of live finds to have settled, on frames as they come.
 """
@@ -36,7 +36,7 @@ SPEED = 20.0  # m/s
 RATE_HZ = 15.0
 SETTLE_S = 20.0  # until as many finds are left behind as are made
 _MAP_SPACING_M = 1.75  # along the road
-_NEW_SPACING_M = 5.5
+_NEW_SPACING_M = 4.0
 _LANES_M = (5.0, 8.0, 11.0, 14.0)  # signs stand this far to the left and right of the road's middle
 _WANDER_M = 0.8  # of a sign about its place in the pattern, each axis
 _START = LocalFrame(2.1, 48.9)
@@ -50,7 +50,7 @@ CAMERA = Sensor(
     range_std_m=0.3,
     range_std_rel=0.01,
     bearing_std_rad=0.005,
-    detection_probability=0.25,
+    detection_probability=0.23,
     false_alarms_per_frame=0.01,
 )
 HEADER = DriveHeader(
