@@ -1,9 +1,9 @@
 """A car in a dense field of signs: the scene that the time of a step is quoted for.
 
-A car drives straight east at 20 m/s along the middle of a field in which signs stand in rows on both sides, about one
-for every two metres of road; a third of them is not in the map. Its camera takes 15 frames/s, sees 80 m and 40°, and
-shows each sign in view with a probability of 0.23, so that a frame has about 10 detections (a binomial number, not a
-fixed one) of 30 map features and 13 unmapped ones in view. A find stays live until it is far behind: about 50 are.
+A car drives straight east at 20 m/s along the middle of a field in which signs stand in rows on both sides, four for
+every five metres of road; three in ten are not in the map. Its camera takes 15 frames/s, sees 80 m and 40°, and shows
+each sign in view with a probability of 0.23, so that a frame has about 10 detections (a binomial number, not a fixed
+one) of 30 map features and 13 unmapped ones in view. A find stays live until it is far behind: about 50 are.
 Odometry comes with every frame, a satellite fix once a second. Everything enters by `SlamcuFilter.feed`; the filter is
 timed after it has driven far enough for the number of live finds to have settled, on frames as they come.
 """
