@@ -27,7 +27,7 @@ class Operator:
 
     def __init__(self, cloud: Cloud) -> None:
         self._cloud = cloud
-        self._settings = Settings(data_dir=cloud.data_dir, migrate_on_start=False)
+        self._settings = Settings(database_url=None, data_dir=cloud.data_dir, migrate_on_start=False)
         self._runner = asyncio.Runner()
         self._stack = AsyncExitStack()
 

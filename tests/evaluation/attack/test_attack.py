@@ -110,8 +110,10 @@ def test_false_changes_and_true_ones_taken_back_are_flips_until_they_heal(world:
     assert [(one.contributors, one.drives) for one in feed.decisions] == [(4, 2)]
 
 
-def test_three_strangers_can_publish_what_honest_cars_then_take_back() -> None:
+def test_three_strangers_can_publish_what_honest_cars_then_take_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """Against a real server: the experiment is able to find a flip, and to see it heal."""
+    # the user's own server, which an evaluation must not touch
+    monkeypatch.setenv("SLAMCU_DATABASE_URL", "postgresql://nobody@nowhere.invalid/none")
     rng = np.random.default_rng(4)
     few = make_world("few", {Truth.UNCHANGED: 2, Truth.NEW: 1, Truth.EMPTY: 2}, rng)
     with Cloud() as cloud, Operator(cloud) as operator:
