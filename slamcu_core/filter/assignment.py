@@ -23,11 +23,11 @@ def assign(score: Array) -> NDArray[np.intp]:
     if not detections or not features:
         return result
     best = score.argmax(axis=1)
-    wanted = score[np.arange(detections), best] > 0.0
-    if len(set(best[wanted].tolist())) == int(wanted.sum()):
-        result[wanted] = best[wanted]
+    rows = (np.maximum.reduce(score, axis=1) > 0.0).nonzero()[0]
+    chosen = best[rows]
+    if len(set(chosen.tolist())) == len(rows):
+        result[rows] = chosen
         return result
-    rows = (wanted).nonzero()[0]
     columns = ((score[rows] > 0.0).any(axis=0)).nonzero()[0]
     gain = np.maximum(score[np.ix_(rows, columns)], 0.0)
     # a private dummy column of score 0 for each detection: staying alone is always possible

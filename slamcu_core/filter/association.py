@@ -75,5 +75,5 @@ def associate(
     score *= -0.5
     score += log_prior
     score -= math.log(2.0 * math.pi) + log_unknown[:, None]
-    score[square > gate] = -np.inf
+    np.putmask(score, square > gate, -np.inf)
     return assign(score), square, score

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from slamcu_core.evidence import Masses, conflict, support
 from slamcu_core.filter.calibration import SensorCalibration
-from slamcu_core.filter.ekf import inverse
 from slamcu_core.filter.estimates import FeatureEstimate
 from slamcu_core.filter.existence import State
 from slamcu_core.filter.map_management import MapManagement
@@ -53,24 +52,29 @@ class Beliefs:
             means, covariances = self._particles.collapse(table.slot[[row]])
             xy, covariance = means[:, 0], covariances[:, 0]
         elif table.kind[row] != Kind.NEW:
-            covariance = inverse(table.seen_information[row].ravel()[[0, 1, 3]])
-            xx, cross, yy = covariance.tolist()
-            x, y = (table.seen_vector[row] - self._miscalibration(row)).tolist()
-            xy = np.array([xx * x + cross * y, cross * x + yy * y])
-            covariance += self._particles.place_covariance()
+            xy, covariance = self._by_sightings(row)
         else:
             xy, covariance = table.xy[row].copy(), table.covariance[row].copy()
         if table.view_weight[row] > 0.0:
             covariance = self._with_bias(covariance, xy - table.view_from[row] / table.view_weight[row])
         return xy, covariance
 
-    def _miscalibration(self, row: int) -> Array:
-        """Return what the sensor's errors, as far as they are known now, have added to `seen_vector` (2,) of a row.
+    def _by_sightings(self, row: int) -> tuple[Array, Array]:
+        """Return where a row of the map is by the sums over its sightings: mean (2,) and covariance (3,).
 
-        What the particles place is estimated with the calibration; what the map has is only noted as it was shown.
+        What the sensor's errors, as far as they are known now, have added to the sums is taken from them: what the
+        particles place is estimated with the calibration, what the map has is only noted as it was shown.
         """
+        xx, cross, _, yy, x, y, *_, scale_x, scale_y, turn_x, turn_y = self._table.sighted[row].tolist()
         scale, turn = (self._particles.calibration @ self._particles.weights).tolist()
-        return np.asarray(scale / (1.0 + scale) * self._table.by_scale[row] + turn * self._table.by_turn[row])
+        stretch = scale / (1.0 + scale)
+        x -= stretch * scale_x + turn * turn_x
+        y -= stretch * scale_y + turn * turn_y
+        determinant = xx * yy - cross * cross
+        xx, cross, yy = yy / determinant, -cross / determinant, xx / determinant
+        covariance = np.array([xx, cross, yy])
+        covariance += self._particles.place_covariance()
+        return np.array([xx * x + cross * y, cross * x + yy * y]), covariance
 
     def _with_bias(self, covariance: Array, line: Array) -> Array:
         """Add to a covariance (3,) what the car's detections along a line of sight (2,) have wrong in common."""
@@ -80,9 +84,9 @@ class Beliefs:
         common = along * x * x + across * y * y, (along - across) * x * y, along * y * y + across * x * x
         return np.asarray(covariance + common)
 
-    def position(self, row: int) -> MeasuredPosition:
-        """Return the place of a row in geographic coordinates."""
-        xy, covariance = self.place(row)
+    def position(self, place: tuple[Array, Array]) -> MeasuredPosition:
+        """Return a place, mean (2,) and covariance (3,), in geographic coordinates."""
+        xy, covariance = place
         lon, lat = self._around.frame.to_geographic(xy)
         return MeasuredPosition(float(lon), float(lat), _spread(covariance))
 
@@ -101,7 +105,7 @@ class Beliefs:
         mapped = [self._mapped(feature, index) for index, feature in enumerate(self._map)]
         left = [self._found(behind.table, row, self._position_behind(row)) for row in behind.rows()]
         own = ((table.kind == Kind.NEW) & table.alive).nonzero()[0].tolist()
-        return mapped + left + [self._found(table, row, self.position(row)) for row in own]
+        return mapped + left + [self._found(table, row, self.position(self.place(row))) for row in own]
 
     def _mapped(self, feature: MapFeature, index: int) -> FeatureEstimate:
         row, ledger = self._around.row_of(index), self._around.ledger

@@ -37,8 +37,10 @@ class Beside:
     beliefs: Beliefs
     management: MapManagement
 
-    def weight(self, row: int) -> float:
+    def weight(self, row: int, place: tuple[Array, Array] | None = None) -> float:
         """Return the weight of evidence that what a pass took for the map's feature at a row stands elsewhere.
+
+        `place` is where the row is believed to be, if that has been asked.
 
         It is 0 unless the place lies outside the 90 % ellipse about the mapped one and either the pass's misses say
         "gone" while what it saw may have been something else, seen from afar, or the place is so far off that the
@@ -48,9 +50,9 @@ class Beside:
         f, a = float(table.pass_for[row]), float(table.pass_against[row])
         if table.kind[row] != Kind.MAP or not table.detected[row]:
             return 0.0
-        xy, covariance = self.beliefs.place(row)
+        xy, covariance = place or self.beliefs.place(row)
         variance = self.hd_map.features[int(table.source[row])].position_std_m ** 2
-        xx, cross, yy = inverse(covariance + np.array([variance, 0.0, variance])).tolist()
+        xx, cross, yy = inverse((covariance + np.array([variance, 0.0, variance])).tolist()).tolist()
         x, y = (xy - table.xy[row]).tolist()
         squared = xx * x * x + 2.0 * cross * x * y + yy * y * y
         missed = a >= _GONE and f <= _FROM_AFAR * a
@@ -58,10 +60,10 @@ class Beside:
             return 0.0
         return float(squared) / 2.0
 
-    def is_told(self, row: int) -> bool:
-        """Whether another row tells of what a pass took for the map's feature at a row, and which stands beside it."""
+    def is_told(self, row: int, place: Array) -> bool:
+        """Whether another row tells of what a pass took for the map's feature at a row, and saw at a place (2,)."""
         table = self.table
-        others = self._alike(row, self.beliefs.place(row)[0])
+        others = self._alike(row, place)
         others = others[table.pass_for[others] > table.pass_against[others]]
         finds = others[table.kind[others] == Kind.NEW]
         return len(others) > len(finds) or bool((self.management.classify(finds) == State.NEW.value).any())

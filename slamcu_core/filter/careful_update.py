@@ -30,6 +30,7 @@ Index = NDArray[np.intp]
 _UNLIKELY = -7.0  # ln of the density over that of the unknown below which a feature is no explanation
 _WIDE = 5.0  # times the area of the measurement's noise: so far apart, few particles fit any one explanation
 _MANY = 20  # particles drawn for each
+_PART = 250  # of these particles weighed at a time
 _KERNEL = 0.5  # width of the kernels that they are drawn from, in standard deviations of the cloud
 _ASTRAY = 0.02  # chance that odometry failed, when what is seen is a surprise ...
 _ASTRAY_SHARE = 0.5  # ... share of the particles drawn for that case ...
@@ -88,8 +89,9 @@ def weigh_with_care(
         usable = usable & (update.table.kind[view.rows[: view.close]] == Kind.MAP)
         possible |= usable & update.fits(view, seen) & _within_reach(update, view, seen)
     # what must not weigh the particles is as likely in all of them
-    others = np.exp(np.where(possible & ~usable, score, -np.inf))
-    log_unknown = log_unknown + np.log1p(others.sum(axis=1))
+    unusable = possible & ~usable
+    others = np.exp(np.where(unusable, score, -np.inf)) if np.count_nonzero(unusable) else np.zeros(score.shape)
+    log_unknown = log_unknown + np.log1p(np.add.reduce(others, axis=1))
     columns = np.logical_or.reduce(possible, axis=0).nonzero()[0]
     question = _Question(view, seen, columns, (possible & usable)[:, columns], log_unknown)
     looked = None
@@ -103,9 +105,9 @@ def weigh_with_care(
         many = particles.many(_MANY, _KERNEL, rng, slots[slots >= 0])
         if occasion.surprised:
             many.stray(particles, _ASTRAY, _ASTRAY_SHARE, _ASTRAY_WIDTH, rng)
-        weighed, temper, _ = _weigh(replace(update, particles=many), question, share, rng)
-        many.log_weight = many.log_weight + temper * weighed.log_likelihood
-        shares[explained] = weighed.shares @ many.weights
+        log_likelihood, each = _weigh_in_parts(replace(update, particles=many), question, share, rng)
+        many.log_weight = many.log_weight + log_likelihood
+        shares[explained] = each @ many.weights
         particles.become(many, systematic(many.weights, rng, len(particles)))
     else:
         weighed, temper, close = _weigh(update, question, share, rng)
@@ -115,8 +117,8 @@ def weigh_with_care(
             looked = columns, close
         particles.log_weight = particles.log_weight + temper * weighed.log_likelihood
         shares[explained] = weighed.shares @ particles.weights
-    left = 1.0 - shares.sum(axis=1, keepdims=True)
-    return shares + left * others / (1.0 + others.sum(axis=1, keepdims=True)), looked
+    left = 1.0 - np.add.reduce(shares, axis=1, keepdims=True)
+    return shares + left * others / (1.0 + np.add.reduce(others, axis=1, keepdims=True)), looked
 
 
 def _wide(view: View, seen: Seen, score: Array) -> bool:
@@ -132,6 +134,22 @@ def _within_reach(update: FrameUpdate, view: View, seen: Seen) -> NDArray[np.boo
     xx, xy, yy = (1.0 + _ASTRAY_WIDTH**2) * view.marginal.covariance
     along, across = seen.noise[:, :, None]
     return np.asarray(mahalanobis_square(nu, (xx + along, xy, yy + across))[0] < _REACH)
+
+
+def _weigh_in_parts(
+    update: FrameUpdate, question: _Question, share: float, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Weigh the many particles of an update, whose poses are sampled; return ln of their likelihoods, and shares.
+
+    A part of them at a time, for particles know nothing of each other here, and arrays that outgrow the processor's
+    cache take three times as long.
+    """
+    count, weighed = len(update.particles), []
+    for start in range(0, count, _PART):
+        some = replace(update, particles=update.particles.part(start, start + _PART))
+        part, temper, _ = _weigh(some, question, share, rng)
+        weighed.append((temper * part.log_likelihood, part.shares))
+    return np.concatenate([log for log, _ in weighed]), np.concatenate([shares for _, shares in weighed], axis=1)
 
 
 def _weigh(

@@ -6,10 +6,13 @@ its word far away, it makes Deleted out of things that are merely hard to see.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 _BINS = 8  # of equal width up to the sensor's reach
 _PRIOR_LOOKS = 8.0  # that the header's figure counts for in each
@@ -23,18 +26,28 @@ class DetectionRate:
         self._hits = np.full(_BINS, _PRIOR_LOOKS * nominal)
         self._looks = np.full(_BINS, _PRIOR_LOOKS)
 
-    def at(self, distance: Array) -> Array:
-        """Return the probability of a detection (F,) at ranges (F,) in m."""
-        return np.asarray((self._hits / self._looks)[self._bin(distance)])
+    def within(self, distance: Array) -> RatesInView:
+        """Return the rates of things at ranges (F,) in m."""
+        bins = np.minimum(distance / self._width, _BINS - 1).astype(np.intp)
+        return RatesInView(self._hits, self._looks, bins)
 
-    def learn(self, distance: Array, hit: NDArray[np.bool_], share: float) -> None:
-        """Add looks at things in full view, at ranges (K,) in m, of which some were detected, (K,).
+
+class RatesInView(NamedTuple):
+    """The rates of F things, of which it has been asked once in which bins of range they are."""
+
+    hits: Array  # of each bin, as in the sensor's rate
+    looks: Array
+    bins: Index  # (F,)
+
+    def now(self) -> Array:
+        """Return the probability of a detection of each (F,)."""
+        return np.asarray((self.hits / self.looks)[self.bins])
+
+    def learn(self, which: NDArray[np.bool_], hit: NDArray[np.bool_], share: float) -> None:
+        """Add looks at those in full view, `which` (F,), of which those `hit` (F,) were detected, for all that come.
 
         `share` of such a look is a look of its own.
         """
-        bins = self._bin(distance)
-        self._looks += share * np.bincount(bins, minlength=_BINS)
-        self._hits += share * np.bincount(bins[hit], minlength=_BINS)
-
-    def _bin(self, distance: Array) -> NDArray[np.intp]:
-        return np.minimum(distance / self._width, _BINS - 1).astype(np.intp)
+        looked_at = self.bins[which]
+        self.looks[:] += share * np.bincount(looked_at, minlength=_BINS)
+        self.hits[:] += share * np.bincount(looked_at[hit[which]], minlength=_BINS)

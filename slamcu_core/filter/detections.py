@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,13 +44,17 @@ class Seen:
     @property
     def named(self) -> bool:
         """Whether the sign or value of any was read."""
-        return bool(self.sign.any() or self.value.any())
+        return bool(np.count_nonzero(self.sign) or np.count_nonzero(self.value))
 
-    def keep(self, which: NDArray[np.bool_]) -> Seen:
-        """Return only some of the detections, (D,)."""
-        if which.all():
+    def believed(self, certain: Array) -> Seen:
+        """Return the detections as evidence of what they are taken for, which each is with a probability (D,)."""
+        return replace(self, weight=-np.log1p(np.expm1(-self.weight) * certain))
+
+    def without(self, which: NDArray[np.bool_]) -> Seen:
+        """Return the detections but for some, (D,)."""
+        if not np.count_nonzero(which):
             return self
-        index = which.nonzero()[0]
+        index = (~which).nonzero()[0]
         return Seen(*(getattr(self, name).take(index, axis=-1) for name in _ARRAYS))
 
 
@@ -59,12 +63,12 @@ _ARRAYS = tuple(item.name for item in fields(Seen))
 
 def read_detections(model: SensorModel, items: tuple[Detection, ...], names: Vocabulary) -> Seen:
     """Turn detections into arrays; raises SlamcuError if one lacks what its sensor measures."""
-    measurement = np.array([model.measurement(item) for item in items], float).reshape(-1, 2).T
-    feature_class = np.array([names.code(item.feature_class) for item in items], dtype=np.intp)
+    measurement = model.measurements(items)
+    feature_class = names.codes([item.feature_class for item in items])
     sign = value = np.zeros(len(items), dtype=np.intp)
-    if any(item.sign is not None or item.value is not None for item in items):
-        sign = np.array([names.code(item.sign) for item in items], dtype=np.intp)
-        value = np.array([names.code(item.value) for item in items], dtype=np.intp)
+    signs, values = [item.sign for item in items], [item.value for item in items]
+    if signs.count(None) < len(items) or values.count(None) < len(items):
+        sign, value = names.codes(signs), names.codes(values)
     weight = np.array([support_of(item.confidence) for item in items])
     return Seen(
         measurement, model.noise(measurement), *model.in_vehicle(measurement), feature_class, sign, value, weight

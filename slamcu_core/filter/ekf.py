@@ -63,7 +63,9 @@ def mahalanobis_square(vector: Array, covariance: Sequence[Array] | Array) -> tu
     cross *= xy
     cross += cross
     square -= cross
-    square += y * y * xx
+    across = y * y
+    across *= xx
+    square += across
     square /= determinant
     return square, determinant
 
@@ -76,10 +78,13 @@ def turned(cos: Array, sin: Array, matrix: Sequence[Array] | Array) -> Array:
     second = xy * cos
     second += yy * sin
     result = np.empty((3, *first.shape))
-    along = np.multiply(first, cos, out=result[0, ...])
-    along += second * sin
-    across = np.multiply(second, cos, out=result[1, ...])
-    across -= first * sin
+    along, across = result[0, ...], result[1, ...]
+    np.multiply(first, cos, out=along)
+    np.multiply(second, cos, out=across)
+    second *= sin
+    along += second
+    first *= sin
+    across -= first
     np.subtract(xx + yy, along, out=result[2, ...])
     return result
 

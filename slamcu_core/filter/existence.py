@@ -32,12 +32,14 @@ def temper(dt: float, correlation_time: float) -> float:
     return 1.0 if correlation_time <= 0.0 else min(1.0, dt / correlation_time)
 
 
-def add(table: FeatureTable, rows: NDArray[np.intp], sums: Array, cap: float) -> None:
-    """Add sums (9, F), as in `Sum`, to the evidence of rows (eq. 5); evidence is capped by scaling both its weights."""
-    held = table.evidence.take(rows, axis=0)
+def add(table: FeatureTable, rows: NDArray[np.intp], held: Array, sums: Array, cap: float) -> None:
+    """Add sums (9, F), as in `Sum`, to what rows have held (F, 9) of evidence (eq. 5).
+
+    Evidence is capped by scaling both its weights.
+    """
     held += sums.T
     weights = held[:, : Sum.PASS_FOR]
-    if weights.max(initial=0.0) > cap:
+    if np.maximum.reduce(weights, axis=None, initial=0.0) > cap:
         weights *= (cap / np.maximum(weights.max(axis=1), cap))[:, None]
     table.evidence[rows] = held
 
@@ -47,19 +49,21 @@ def miss_weight(probability: Array, miss_confidence: float) -> Array:
     return np.asarray(-np.log1p(-np.minimum(miss_confidence * probability, LAMBDA_MAX)))
 
 
-def detectability(table: FeatureTable, rows: NDArray[np.intp], nominal: Array, concentration: float) -> Array:
-    """Return P_D of rows in their open pass, given how the pass has gone so far.
+def detectability(held: Array, nominal: Array, concentration: float) -> Array:
+    """Return P_D (F,) of rows in their open pass, given how the pass has gone so far by the evidence held (F, 9).
 
     Misses come in bursts: a feature that faces away or stands behind a bush is missed in every frame of a pass. So P_D
     of a pass is itself uncertain, Beta distributed with the sensor's nominal P_D as mean and `concentration` looks as
     its weight; each look updates it, and a long row of misses counts ever less.
     """
-    hit, missed = table.looks_hit[rows], table.looks_missed[rows]
+    hit, missed = held[:, Sum.LOOKS_HIT], held[:, Sum.LOOKS_MISSED]
     return np.asarray((concentration * nominal + hit) / (concentration + hit + missed))
 
 
-def bounded_by_view(table: FeatureTable, rows: NDArray[np.intp], looked: Array, weight_against: Array) -> Array:
-    """Return the weights of misses (F,), bounded by how surely their rows could be seen at all.
+def bounded_by_view(
+    table: FeatureTable, rows: NDArray[np.intp], held: Array, looked: Array, weight_against: Array
+) -> Array:
+    """Return the weights of misses (F,), bounded by how surely their rows could be seen at all; they `held` (F, 9).
 
     What stood outside the view because the pose is wrong, or behind something, did so in every frame of the pass: all
     its misses together say no more than that it could be seen when it was so most surely. `looked` (F,) is with which
@@ -68,7 +72,7 @@ def bounded_by_view(table: FeatureTable, rows: NDArray[np.intp], looked: Array, 
     best = np.maximum(table.best_view[rows], looked)
     table.best_view[rows] = best
     most = -np.log1p(-np.minimum(best, _CERTAIN))
-    return np.asarray(np.minimum(weight_against, np.maximum(most - table.pass_against[rows], 0.0)))
+    return np.asarray(np.minimum(weight_against, np.maximum(most - held[:, Sum.PASS_AGAINST], 0.0)))
 
 
 def masses(table: FeatureTable, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
@@ -86,7 +90,11 @@ def probability(table: FeatureTable, rows: NDArray[np.intp]) -> Array:
     """Return e + u/2 of rows, (exp(f) - 1/2) / (exp(f) + exp(a) - 1), for evidence that is capped."""
     weight_for = table.prior[rows] + table.weight_for[rows]
     inverse = np.exp(-weight_for)
-    return np.asarray((1.0 - 0.5 * inverse) / (1.0 - inverse + np.exp(table.weight_against[rows] - weight_for)))
+    likely = 1.0 - 0.5 * inverse
+    np.subtract(1.0, inverse, out=inverse)
+    inverse += np.exp(table.weight_against[rows] - weight_for)
+    likely /= inverse
+    return np.asarray(likely)
 
 
 def classify(table: FeatureTable, rows: NDArray[np.intp], stands: NDArray[np.bool_]) -> NDArray[np.str_]:

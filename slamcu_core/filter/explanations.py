@@ -63,15 +63,16 @@ def shared_out(score: Array) -> Array:
 
     What a row lacks to 1 is the share of something unknown.
     """
-    top = np.maximum(score.max(axis=1, initial=0.0), 0.0)[:, None]
+    top = np.maximum.reduce(score, axis=1, initial=0.0, keepdims=True)
     each = np.exp(score - top)
-    return np.asarray(each / (each.sum(axis=1, keepdims=True) + np.exp(-top)))
+    each /= np.add.reduce(each, axis=1, keepdims=True) + np.exp(-top)
+    return each
 
 
 def in_doubt(score: Array) -> bool:
     """Return whether any detection has a feature for an explanation, but none beyond doubt; `score` as above."""
-    best = shared_out(score).max(axis=1, initial=0.0)
-    return bool(((best > _NEGLIGIBLE) & (best < _CLEAR)).any())
+    best = np.maximum.reduce(shared_out(score), axis=1, initial=0.0)
+    return bool(np.count_nonzero((best > _NEGLIGIBLE) & (best < _CLEAR)))
 
 
 def exclusive(shares: Array) -> Array:
@@ -80,7 +81,7 @@ def exclusive(shares: Array) -> Array:
     Two detections side by side tell together which of two things each of them is, where neither tells by itself. The
     sum over all joint associations is taken by belief propagation, as good as exact (Williams and Lau 2014).
     """
-    if (np.count_nonzero(shares > _NEGLIGIBLE, axis=0) < 2).all():
+    if np.maximum.reduce(np.add.reduce(shares > _NEGLIGIBLE, axis=0, dtype=np.intp), initial=0) < 2:
         return shares
     odds = shares / np.maximum(1.0 - shares.sum(axis=1, keepdims=True), _LEAST)
     free = np.ones(shares.shape)  # odds that no other detection is of the feature, to any that is
@@ -106,7 +107,7 @@ def weigh(explanations: Explanations, rng: np.random.Generator) -> Weighed:
     An explanation counts neither by how sure its feature is nor by how many particles have it in view: both are the
     same in the next frame, and would count again in each.
     """
-    numbers = explanations.possible.sum(axis=1)
+    numbers = np.add.reduce(explanations.possible, axis=1, dtype=np.intp)
     asked = numbers.nonzero()[0]
     ends = numbers[asked].cumsum()
     starts = ends - numbers[asked]
@@ -116,14 +117,16 @@ def weigh(explanations: Explanations, rng: np.random.Generator) -> Weighed:
         return _one_after_the_other(explanations, explanations.by_noise, detections, rng)
     count = explanations.innovation.shape[-1]
     log = gaussian_log_likelihood(explanations.innovation, explanations.covariance)
-    top = np.maximum(np.maximum.reduceat(log, starts, axis=0), log_unknown)
+    top = np.maximum.reduceat(log, starts, axis=0)
+    np.maximum(top, log_unknown, out=top)
     of = np.arange(len(asked)).repeat(numbers[asked])
-    log -= top[of]
+    log -= top.take(of, axis=0)
     each = np.exp(log, out=log)
     total = np.add.reduceat(each, starts, axis=0)
     total += np.exp(log_unknown - top)
-    each /= total[of]
-    return Weighed((top + np.log(total)).sum(axis=0), each, np.zeros((0, count)), np.zeros((0, 0, count)))
+    each /= total.take(of, axis=0)
+    top += np.log(total)
+    return Weighed(np.add.reduce(top, axis=0), each, np.zeros((0, count)), np.zeros((0, 0, count)))
 
 
 def _one_after_the_other(

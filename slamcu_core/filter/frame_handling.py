@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from slamcu_core.drive import Occluder
 from slamcu_core.filter import existence
 from slamcu_core.filter.careful_update import Occasion, weigh_with_care
-from slamcu_core.filter.detectability import DetectionRate
+from slamcu_core.filter.detectability import DetectionRate, RatesInView
 from slamcu_core.filter.detections import Instant, Seen
 from slamcu_core.filter.explanations import exclusive, in_doubt, settle_on
 from slamcu_core.filter.frame_update import FrameUpdate
@@ -93,16 +93,17 @@ class FrameHandling:
             )
             shares = exclusive(shares)
             columns, certain = settle_on(shares)
-            seen = replace(seen, weight=-np.log1p(np.expm1(-seen.weight) * certain))
+            seen = seen.believed(certain)
             unseen = np.ones(len(view.rows))
-            unseen[: view.close] -= np.minimum(shares.sum(axis=0), 1.0)
+            unseen[: view.close] -= np.minimum(np.add.reduce(shares, axis=0), 1.0)
         detections = (columns >= 0).nonzero()[0]
         matched = columns[detections]
         # noise by the expected range: by the measured one, short readings would weigh more than long ones
-        seen.noise[:, detections] = sensor.model.noise(view.marginal.mean[:, matched])
+        seen.noise[:, detections] = sensor.model.noise(view.marginal.mean.take(matched, axis=1))
+        rates = sensor.rates.within(view.distance)
         management.update_existence(
             sensor.model,
-            sensor.rates,
+            rates,
             view,
             seen,
             (detections, matched),
@@ -113,17 +114,17 @@ class FrameHandling:
         # association with Normal and New only (4.3.4), by the classes after this frame's evidence (4.3.3)
         rows = view.rows[matched]
         usable = management.supports(rows)
-        self._watch(sensor, view, columns, squares[detections, matched], usable, now=now)
-        if usable.any():
+        self._watch(rates, view, columns, squares[detections, matched], usable, now=now)
+        if np.count_nonzero(usable):
             self._weighed_at = now.t
         self._compare(sensor, view, seen, (detections[usable], matched[usable]), now)
         told = detections
         if certain is None:
             matches = update.weigh(view, seen, (detections, matched), usable, share=now.share, rng=self._rng)
         else:
-            sure = certain[detections] > _SURE
-            matches = update.match(view, seen, (detections[sure], matched[sure]), looked)
+            sure = (certain[detections] > _SURE).nonzero()[0]
             usable, told = usable[sure], detections[sure]
+            matches = update.match(view, seen, (told, matched[sure]), looked)
         if len(matches.close.rows):
             update.calibrate(matches, usable, now.fresh)
             update.update_new(matches, now.fresh)
@@ -133,7 +134,7 @@ class FrameHandling:
         management.forget_refuted(view.rows)
         if len(detections) < len(columns):
             alone = (columns < 0).nonzero()[0]
-            known = (seen.feature_class[alone, None] == sensor.codes).any(axis=1)
+            known = np.logical_or.reduce(seen.feature_class[alone, None] == sensor.codes, axis=1)
             if certain is not None:
                 known &= certain[alone] > _SURE
             management.give_birth(sensor.model, seen, alone[known], now)
@@ -143,19 +144,19 @@ class FrameHandling:
     ) -> None:
         """Compare how the map's features (A,) are seen with the last frame."""
         detections, columns = matched
-        mapped = columns < view.mapped
+        mapped = (columns < view.mapped).nonzero()[0]
         detections, rows = detections[mapped], view.rows[columns[mapped]]
         sensor.whiteness.learn(
             now,
             self._table.source[rows],
-            self._table.xy[rows].T,
-            seen.measurement[:, detections],
-            seen.noise[:, detections],
+            self._table.xy.take(rows, axis=0).T,
+            seen.measurement.take(detections, axis=1),
+            seen.noise.take(detections, axis=1),
         )
 
     def _watch(
         self,
-        sensor: SensorAtWork,
+        rates: RatesInView,
         view: View,
         columns: Index,
         squares: Array,
@@ -167,13 +168,14 @@ class FrameHandling:
 
         Parameters
         ----------
+        rates : of detection of the rows, at their ranges.
         columns : (D,) of the view that the detections belong to, or -1.
         squares : (A,) normalised innovations squared of those that belong to one.
         usable : (A,) on which of these the car localizes.
         """
         matched = columns[columns >= 0]
         mapped = self._table.kind[view.rows] == Kind.MAP
-        due = now.share * view.shown * sensor.rates.at(view.distance)
+        due = now.share * view.shown * rates.now()
         hit, square = np.zeros((2, len(view.rows)))
         hit[matched], square[matched] = now.share, squares
         exists = existence.probability(self._table, view.rows)
@@ -182,7 +184,7 @@ class FrameHandling:
             squares[usable].tolist(),
             len(columns),
             len(columns) - len(matched),
-            expected=float(due[mapped].sum()),
+            expected=float(np.add.reduce(due[mapped])),
             share=now.share,
         )
 
@@ -198,7 +200,7 @@ class FrameHandling:
         if not score.size:
             return None
         by_map = score[:, : view.mapped]
-        fit = int(np.count_nonzero(by_map.max(axis=1, initial=-np.inf) > 0.0))
+        fit = int(np.count_nonzero(np.maximum.reduce(by_map, axis=1, initial=-np.inf) > 0.0))
         surprised = len(score) - fit >= _SURPRISES * (1 + fit)
         surprised &= t - self._surprised_at > _STALE_S
         stale = t - self._weighed_at > _STALE_S and bool((score > -np.inf).any())

@@ -36,11 +36,10 @@ class CloseLook:
 
     def pick(self, index: Index, looks: Array) -> CloseLook:
         """Return the look at some of the A rows, of which there are so many `looks` now."""
-        number = np.full(len(self.rows), -1)  # among the finds
-        number[self.own] = np.arange(len(self.own))
-        picked = number[index]
-        own = (picked >= 0).nonzero()[0]
-        find = picked[own]
+        # both in order: what is the car's own among those picked, and which of the finds it is
+        find = self.own.searchsorted(index)
+        own = (self.own.take(find, mode="clip") == index).nonzero()[0] if len(self.own) else self.own
+        find = find[own]
         return CloseLook(
             self.rows[index],
             own,
@@ -82,8 +81,12 @@ class FrameUpdate:
         A detection read as another sign or value than the map's is not a confirmation of it, however near it is.
         """
         shows = np.maximum(view.shown[: view.close], 0.05)
-        log_prior = np.log(np.maximum(existence.probability(self.table, view.rows[: view.close]) * shows, 1e-3))
-        log_prior = np.where(self.fits(view, seen), log_prior, -np.inf)
+        likely = existence.probability(self.table, view.rows[: view.close])
+        likely *= shows
+        log_prior = np.log(np.maximum(likely, 1e-3, out=likely), out=likely)
+        fits = self.fits(view, seen)
+        if np.count_nonzero(fits) < fits.size:
+            log_prior = np.where(fits, log_prior, -np.inf)
         return associate(
             self.model,
             (seen.measurement, seen.noise),
@@ -124,7 +127,7 @@ class FrameUpdate:
         which of them the car may localize on.
         """
         particles = self.particles
-        if not usable.any():
+        if not np.count_nonzero(usable):
             particles.settle(rng)
             return self.match(view, seen, matched)
         if particles.pending is not None and self._conditioning_pays(view, seen, matched, usable):
@@ -165,23 +168,29 @@ class FrameUpdate:
         else:
             looks = 1.0 + self.table.looks_hit[view.rows[columns]]  # a pass may have begun since
             close = looked[1].pick(looked[0].searchsorted(columns), looks)
-        measurement = seen.measurement[:, detections]
+        measurement, noise = seen.measurement.take(detections, axis=1), seen.noise.take(detections, axis=1)
         innovation = self.model.innovation(measurement[:, :, None], self.calibrated(close.sight))
-        return Matches(close, measurement, seen.noise[:, detections], innovation)
+        return Matches(close, measurement, noise, innovation)
 
     def examine(self, view: View, columns: Index) -> CloseLook:
         """Look at A columns of the view from each particle's pose as it is now."""
         table, particles, model = self.table, self.particles, self.model
         rows = view.rows[columns]
-        own = (table.slot[rows] >= 0).nonzero()[0]  # finds, and watch features since they were first seen
-        slots = table.slot[rows[own]]
-        means = particles.means.take(slots, axis=1)
+        slots = table.slot[rows]
+        own = (slots >= 0).nonzero()[0]  # finds, and watch features since they were first seen
+        slots = slots[own]
+        means, covariances = particles.means.take(slots, axis=1), particles.covariances.take(slots, axis=1)
         place, direction = model.origin(particles.pose)
-        delta = table.xy.T.take(rows, axis=1)[:, :, None] - place[:, None]
-        delta[:, own] = means - place[:, None]
-        covariance = np.empty((3, len(rows), len(particles)))
-        covariance[:] = table.covariance.T.take(rows, axis=1)[:, :, None]
-        covariance[:, own] = particles.covariances.take(slots, axis=1)
+        if len(own) < len(rows):
+            delta = np.empty((2, len(rows), len(particles)))
+            delta[:] = table.xy.take(rows, axis=0).T[:, :, None]
+            delta[:, own] = means
+            delta -= place[:, None]
+            covariance = np.empty((3, *delta.shape[1:]))
+            covariance[:] = table.covariance.take(rows, axis=0).T[:, :, None]
+            covariance[:, own] = covariances
+        else:
+            delta, covariance = means - place[:, None], covariances
         sight = model.sight_along(particles.pose, delta, direction)
         by_feature = model.by_feature(sight)
         looks = 1.0 + table.looks_hit[rows]
@@ -230,12 +239,12 @@ class FrameUpdate:
     ) -> bool:
         """Return whether the poses' pending noise shows in the detections, as the mean pose sees it."""
         detections, columns = matched[0][usable], matched[1][usable]
-        spread, variance = view.by_motion[:, columns], seen.noise[:, detections]
+        spread, variance = view.by_motion.take(columns, axis=1), seen.noise.take(detections, axis=1)
         if not proposal.pays(spread, variance):
             return False  # by the sensor's noise alone, and there is more
         looks = 1.0 + self.table.looks_hit[view.rows[columns]]
         often, scale_variance, turn_variance = self._over_a_pass(looks, (columns >= view.mapped).nonzero()[0])
-        variance = variance + view.by_place[:, columns] * often
+        variance = variance + view.by_place.take(columns, axis=1) * often
         variance[0] += view.marginal.mean[0, columns] ** 2 * scale_variance
         variance[1] += turn_variance
         return proposal.pays(spread, variance)
@@ -254,20 +263,25 @@ class FrameUpdate:
             close.by_place.take(own, axis=1),
             close.by_feature[own],
             # again, for the calibration has learned since
-            self.model.innovation(matches.measurement[:, own, None], self.calibrated(sight)),
-            matches.noise[:, own, None] / share,
+            self.model.innovation(matches.measurement.take(own, axis=1)[:, :, None], self.calibrated(sight)),
+            matches.noise.take(own, axis=1)[:, :, None] / share,
         )
         particles.means[:, close.slots], particles.covariances[:, close.slots] = means, covariances
         # good enough to say whether a find is within reach; a watch feature is looked for where the cloud has it
-        found = self.table.kind[close.rows[own]] == Kind.NEW
-        self.table.xy[close.rows[own[found]]] = (np.add.reduce(means[:, found], axis=2) / len(particles)).T
+        rows = close.rows[own]
+        found = (self.table.kind[rows] == Kind.NEW).nonzero()[0]
+        if len(found) < len(rows):
+            rows, means = rows[found], means.take(found, axis=1)
+        self.table.xy[rows] = (np.add.reduce(means, axis=2) / len(particles)).T
 
     def calibrate(self, matches: Matches, usable: NDArray[np.bool_], share: float) -> None:
         """Learn the sensor's calibration from detections of Normal features of the map, by `usable` (A,)."""
+        if not self.model.has_bearing:
+            return
         chosen = usable.copy()
         chosen[matches.close.own] = False
         index = chosen.nonzero()[0]
-        if not len(index) or not self.model.has_bearing:
+        if not len(index):
             return
         count, distance = len(self.particles), matches.close.sight.distance
         common = np.add.reduce(matches.close.by_place[::2], axis=2)
@@ -276,4 +290,5 @@ class FrameUpdate:
         common[1] += self.parameters.pass_bearing_std**2
         noise = matches.noise / share + matches.close.looks * common
         mean_range = np.add.reduce(distance, axis=1) / count
-        self.calibration.update(self.particles, matches.innovation[:, index], mean_range[index], noise[:, index])
+        innovation = matches.innovation.take(index, axis=1)
+        self.calibration.update(self.particles, innovation, mean_range[index], noise.take(index, axis=1))

@@ -10,6 +10,7 @@ often a healthy filter may cry wolf, not of how things look on some road.
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,24 +35,23 @@ _MOST = 2.0 * _LOST  # no filter is so lost that it could not find out that it n
 _DOUBT = 3.0  # sum from which on a better pose is looked for: at worst once in twenty encounters, for it costs little
 
 
-class _Encounters:
-    """What is kept by row of the feature table, of its present encounter or the last one."""
+class _Kept:
+    """What is kept by row of the feature table of its present encounter or the last one, as columns."""
 
-    def __init__(self, size: int = 0) -> None:
-        self.due = np.zeros(size)  # detections that it should have brought ...
-        self.hit = np.zeros(size)  # ... and those that it has
-        self.shown = np.zeros(size)  # how surely it could be seen when it could best
-        self.stands = np.zeros(size)  # how surely it stands there, as believed when it came into view
-        self.square = np.zeros(size)  # normalised innovation squared of its first detection
-        self.against = np.zeros(size)  # what the encounter says against the pose
-        self.last = np.full(size, -np.inf)  # s, in view
+    DUE: Final = 0  # detections that it should have brought ...
+    HIT: Final = 1  # ... and those that it has
+    SHOWN: Final = 2  # how surely it could be seen when it could best
+    STANDS: Final = 3  # how surely it stands there, as believed when it came into view
+    SQUARE: Final = 4  # normalised innovation squared of its first detection
+    AGAINST: Final = 5  # what the encounter says against the pose
+    LAST: Final = 6  # s, in view
 
-    def reach(self, size: int) -> None:
-        """Make room for so many rows."""
-        for name, old in vars(self).items():
-            if len(old) < size:
-                more = np.full(2 * size - len(old), -np.inf if name == "last" else 0.0)
-                setattr(self, name, np.concatenate([old, more]))
+
+def _none_yet(size: int) -> Array:
+    """Return what is kept (F, 7) of rows that never were in view."""
+    kept = np.zeros((size, 7))
+    kept[:, _Kept.LAST] = -np.inf
+    return kept
 
 
 class HealthMonitor:
@@ -74,7 +74,7 @@ class HealthMonitor:
         """Forget the past, after the filter has found its way back."""
         self._innovation = self._matched = 0.0
         self._unexplained = self._detections = 0.0
-        self._encounters = _Encounters()
+        self._encounters = _none_yet(0)
         self._against = 0.0  # Page's sum: ln of how much likelier a wrong pose is than the right one
         self.lost = False  # whether reports are not to be believed
 
@@ -120,41 +120,44 @@ class HealthMonitor:
         exists : (F,) how probable it is that they exist.
         squares : (F,) normalised innovations squared of those that were detected.
         """
-        in_view = (shown > _IN_VIEW) | (hit > 0.0)
-        if not in_view.any():
+        made = hit > 0.0
+        in_view = ((shown > _IN_VIEW) | made).nonzero()[0]
+        if not len(in_view):
             return
-        rows, mapped, shown, due = rows[in_view], mapped[in_view], shown[in_view], due[in_view]
-        hit, exists, squares = hit[in_view], exists[in_view], squares[in_view]
-        kept = self._encounters
-        kept.reach(int(rows.max()) + 1)
-        begins = t - kept.last[rows] > _APART_S
-        if begins.any():
+        if len(in_view) < len(rows):
+            rows, mapped, shown, due = rows[in_view], mapped[in_view], shown[in_view], due[in_view]
+            hit, exists, squares, made = hit[in_view], exists[in_view], squares[in_view], made[in_view]
+        size = int(np.maximum.reduce(rows)) + 1
+        if size > len(self._encounters):
+            self._encounters = np.concatenate([self._encounters, _none_yet(2 * size - len(self._encounters))])
+        kept = self._encounters.take(rows, axis=0)
+        begins = (t - kept[:, _Kept.LAST] > _APART_S).nonzero()[0]
+        if len(begins):
             # from a pose that is in doubt, what has been learned of the map is in doubt too
             believed = np.full(len(rows), _STANDS) if self.lost else np.clip(exists, _BY_CHANCE, _STANDS)
-            fresh = rows[begins]
-            kept.stands[fresh] = np.where(mapped, believed, exists)[begins]
-            for sums in (kept.due, kept.hit, kept.shown, kept.against):
-                sums[fresh] = 0.0
-        first = (hit > 0.0) & (kept.hit[rows] == 0.0)
-        kept.square[rows[first]] = squares[first]
-        kept.due[rows] += due
-        kept.hit[rows] += hit
-        kept.shown[rows] = np.maximum(kept.shown[rows], shown)
-        kept.last[rows] = t
-        against = self._weigh(rows, mapped)
-        change = float((against - kept.against[rows]).sum())
-        kept.against[rows] = against
+            kept[begins, _Kept.STANDS] = np.where(mapped, believed, exists)[begins]
+            for sums in (_Kept.DUE, _Kept.HIT, _Kept.SHOWN, _Kept.AGAINST):
+                kept[begins, sums] = 0.0
+        first = (made & (kept[:, _Kept.HIT] == 0.0)).nonzero()[0]
+        kept[first, _Kept.SQUARE] = squares[first]
+        kept[:, _Kept.DUE] += due
+        kept[:, _Kept.HIT] += hit
+        np.maximum(kept[:, _Kept.SHOWN], shown, out=kept[:, _Kept.SHOWN])
+        kept[:, _Kept.LAST] = t
+        against = self._weigh(kept, mapped)
+        change = float(np.add.reduce(against - kept[:, _Kept.AGAINST]))
+        kept[:, _Kept.AGAINST] = against
+        self._encounters[rows] = kept
         self._against = min(max(self._against + change, 0.0), _MOST)
         self.lost = self._against > (_RECOVERED if self.lost else _LOST)
 
-    def _weigh(self, rows: Index, mapped: NDArray[np.bool_]) -> Array:
-        """Return ln of how much likelier the encounters with rows (F,) are so far with a wrong pose."""
-        kept = self._encounters
-        stands, hit = kept.stands[rows], kept.hit[rows]
-        shows = kept.shown[rows] * (1.0 - (1.0 + kept.due[rows] / self._concentration) ** -self._concentration)
+    def _weigh(self, kept: Array, mapped: NDArray[np.bool_]) -> Array:
+        """Return ln of how much likelier encounters (F,), of which is `kept` (F, 7), are so far with a wrong pose."""
+        due, hit, shown, stands, square = kept.T[: _Kept.AGAINST].copy()
+        shows = shown * (1.0 - (1.0 + due / self._concentration) ** -self._concentration)
         missing = np.log((1.0 - _BY_CHANCE * shows) / (1.0 - stands * shows)) + shows * self._nothing_found
         # from a right pose the square is chi-square with two degrees of freedom, from a wrong one any within the gate
-        density = 0.5 * np.minimum(kept.square[rows], self._gate) - math.log(0.5 * self._gate)
+        density = 0.5 * np.minimum(square, self._gate) - math.log(0.5 * self._gate)
         there = np.log(_BY_CHANCE / np.maximum(stands, _BY_CHANCE)) + density + self._nothing_found
         found = np.where((hit > _FOUND) & (stands < _STANDS), _FOUND_ODDS, 0.0)
         return np.asarray(np.where(mapped, np.where(hit > _SEEN, there, missing), found))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.filter import existence, standing
-from slamcu_core.filter.detectability import DetectionRate
+from slamcu_core.filter.detectability import RatesInView
 from slamcu_core.filter.detections import Instant, Seen
 from slamcu_core.filter.ekf import birth_covariance
 from slamcu_core.filter.neighbourhood import Neighbourhood
@@ -42,7 +42,7 @@ class MapManagement:
     def update_existence(
         self,
         model: SensorModel,
-        rates: DetectionRate,
+        rates: RatesInView,
         view: View,
         seen: Seen,
         matched: tuple[Index, Index],
@@ -65,9 +65,9 @@ class MapManagement:
         hit[columns] = True
         sums = np.zeros((9, len(rows)))
         self._keep_passes(view, hit, now.t, sums)
-        chance = existence.detectability(
-            table, rows, self._learn_rates(rates, view, hit, now.share, supported), parameters.detection_concentration
-        )
+        held = table.evidence.take(rows, axis=0)
+        rate = self._learn_rates(rates, view, hit, now.share, supported)
+        chance = existence.detectability(held, rate, parameters.detection_concentration)
         chance *= view.shown
         missed = (view.visible > 0.05) * now.share
         missed[columns] = 0.0
@@ -77,10 +77,10 @@ class MapManagement:
             shown = shown * unseen
         sums[Sum.PASS_FOR, columns] = now.share * seen.weight[detections]
         np.multiply(missed, existence.miss_weight(chance, parameters.miss_confidence), out=sums[Sum.PASS_AGAINST])
-        sums[Sum.PASS_AGAINST] = existence.bounded_by_view(table, rows, shown, sums[Sum.PASS_AGAINST])
+        sums[Sum.PASS_AGAINST] = existence.bounded_by_view(table, rows, held, shown, sums[Sum.PASS_AGAINST])
         sums[: Sum.PASS_FOR] = sums[Sum.PASS_FOR : Sum.LOOKS_HIT]
         np.multiply(missed, view.shown, out=sums[Sum.LOOKS_MISSED])
-        existence.add(table, rows, sums, parameters.evidence_cap)
+        existence.add(table, rows, held, sums, parameters.evidence_cap)
         if len(columns):
             hit_rows = rows[columns]
             table.hits[hit_rows] += 1
@@ -88,7 +88,7 @@ class MapManagement:
 
     def _learn_rates(
         self,
-        rates: DetectionRate,
+        rates: RatesInView,
         view: View,
         hit: NDArray[np.bool_],
         share: float,
@@ -99,11 +99,11 @@ class MapManagement:
         Those are Normal or New and have been detected often enough before this frame.
         """
         table, rows = self._table, view.rows
-        rate = rates.at(view.distance)
+        rate = rates.now()
         proven = (view.shown > _FULL_VIEW) & (table.hits[rows] >= self._parameters.minimum_hits)
-        if proven.any():
+        if np.count_nonzero(proven):
             proven &= self.supports(rows) if supported is None else supported
-            rates.learn(view.distance[proven], hit[proven], share)
+            rates.learn(proven, hit, share)
         return rate
 
     def _keep_passes(self, view: View, hit: NDArray[np.bool_], t: float, sums: Array) -> None:
@@ -142,8 +142,12 @@ class MapManagement:
     def supports(self, rows: Index) -> NDArray[np.bool_]:
         """Return whether rows are classed Normal or New (4.3.3), so that the car may localize on them (4.3.4)."""
         table, kind = self._table, self._table.kind[rows]
-        usable = existence.exists(table, rows) & (kind != Kind.WATCH) & ~table.disputed[rows]
-        own = (usable & (kind == Kind.NEW) & ~table.reported[rows]).nonzero()[0]
+        usable = existence.exists(table, rows)
+        usable &= kind != Kind.WATCH
+        usable &= ~table.disputed[rows]
+        unproven = usable & (kind == Kind.NEW)
+        unproven &= ~table.reported[rows]
+        own = unproven.nonzero()[0]
         if len(own):
             usable[own] = self._proven(rows[own])
         return np.asarray(usable)
@@ -219,8 +223,10 @@ class MapManagement:
         own = rows[(table.kind[rows] == Kind.NEW) & ~table.reported[rows]]
         if not len(own):
             return
-        for row in own[table.weight_against[own] - table.weight_for[own] > 1.0].tolist():
-            self._forget(row)
+        refuted = table.weight_against[own] - table.weight_for[own] > 1.0
+        if np.count_nonzero(refuted):
+            for row in own[refuted].tolist():
+                self._forget(row)
 
     def _forget(self, row: int) -> None:
         self.open.discard(row)

@@ -70,7 +70,7 @@ class MeanLook:
         place, direction = model.origin(mean)
         axes = rotation(-float(direction))
         origin = axes @ place
-        ahead = axes @ table.xy.T.take(self._fitting, axis=1)
+        ahead = axes @ np.array(table.xy.take(self._fitting, axis=0).T, order="C")
         ahead -= origin[:, None]
         squares = ahead * ahead
         distance = np.sqrt(squares[0] + squares[1])

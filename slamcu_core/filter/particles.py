@@ -120,7 +120,7 @@ class Particles:
         covariance = (delta * weights) @ delta.T
         if self.pending is not None:
             covariance += self.pending_covariance(weights)[:2, :2]
-        return covariance.ravel()[[0, 1, 3]]
+        return np.asarray(covariance.take((0, 1, 3)))
 
     def cloud(self) -> Cloud:
         """Return the poses as a cloud about their weighted mean, headings averaged as angles."""
@@ -207,6 +207,20 @@ class Particles:
         noise = _root(covariance[:3, :3]) @ rng.standard_normal(delta.shape)
         many.state[:3] = mean[:3, None] + math.sqrt(1.0 - width**2) * delta + width * noise
         return many
+
+    def part(self, start: int, end: int) -> Particles:
+        """Return the particles from `start` to before `end`, as views of these."""
+        some = slice(start, end)
+        return Particles(
+            state=self.state[:, some],
+            log_weight=self.log_weight[some],
+            means=self.means[:, :, some],
+            covariances=self.covariances[:, :, some],
+            gnss_bias=self.gnss_bias[:, some],
+            calibration=self.calibration[:, some],
+            grip=self.grip[some],
+            pending=None if self.pending is None else self.pending[:, :, some],
+        )
 
     def stray(self, of: Particles, probability: float, share: float, width: float, rng: np.random.Generator) -> None:
         """Put a share of the particles, in place, far about the mean pose of others that they were drawn `of`.

@@ -66,9 +66,9 @@ def _ride(now: Array, old: Array) -> NDArray[np.bool_]:
     along &= closer * closer < room
     same = kind == old[4]
     along &= same
-    votes = along.sum(axis=1)
+    votes = np.add.reduce(along, axis=1, dtype=np.intp)
     riding = votes >= _VOTES
-    if riding.any():
+    if np.count_nonzero(riding):
         closer -= driven - old[0]
         closer *= closer
         still = closer < room

@@ -27,16 +27,17 @@ class SightingNotes:
         """Note where rows were seen, for their reports and for whether they stand still."""
         table = self._table
         here, heading = now.pose[:2], rotation(float(now.pose[2]))
-        measured, noise = seen.measurement[:, detections], seen.noise[:, detections]
-        ahead_left = seen.ahead_left[:, detections]
+        measured, noise = seen.measurement.take(detections, axis=1), seen.noise.take(detections, axis=1)
+        ahead_left, ahead = seen.ahead_left.take(detections, axis=1), seen.toward.take(detections, axis=1)
         x, y = heading @ ahead_left + here[:, None]
-        toward = heading @ seen.toward[:, detections]
+        toward = heading @ ahead
         xx, xy, yy = model.information(toward, measured, noise)
         weight = 1.0 / noise[0]
         across = 1.0 / (np.maximum(measured[0], 1e-3) * noise[1])
         sums = np.empty((13, len(rows)))  # in the order of the parts of `sighted`
         sums[0], sums[1], sums[2], sums[3] = xx, xy, xy, yy
-        sums[4], sums[5] = xx * x + xy * y, xy * x + yy * y
+        np.add(xx * x, xy * y, out=sums[4])
+        np.add(xy * x, yy * y, out=sums[5])
         sums[6] = weight
         np.multiply(weight, here[:, None], out=sums[7:9])
         np.multiply(weight * measured[0], toward, out=sums[9:11])
@@ -44,18 +45,18 @@ class SightingNotes:
         np.negative(sums[11], out=sums[11])
         table.sighted[rows] += sums.T
         own = (table.kind[rows] == Kind.NEW).nonzero()[0]
-        if len(own):
-            self._track(model, rows[own], seen, detections[own], now)
-            self._vote(rows[own], seen, detections[own])
-
-    def _track(self, model: SensorModel, rows: Index, seen: Seen, detections: Index, now: Instant) -> None:
-        """Note sightings (A,) of finds for whether they stand still."""
-        # by dead reckoning, for a correction of the pose would look like motion
+        if not len(own):
+            return
+        rows = rows[own]
+        # whether finds stand still, by dead reckoning, for a correction of the pose would look like motion
         heading = rotation(float(now.reckoned[2]))
-        places = heading @ seen.ahead_left[:, detections] + now.reckoned[:2, None]
-        across = standing.road(self._table, rows, heading @ seen.toward[:, detections])
-        information = model.information(across, seen.measurement[:, detections], seen.noise[:, detections])
-        standing.track(self._table, rows, places, information, now.t)
+        places = heading @ ahead_left.take(own, axis=1) + now.reckoned[:2, None]
+        axis = table.axis.take(rows, axis=0).T
+        across = standing.along(axis, heading @ ahead.take(own, axis=1))
+        information = model.information(across, measured.take(own, axis=1), noise.take(own, axis=1))
+        offset = standing.along(axis, places - table.origin.take(rows, axis=0).T)
+        standing.track(table, rows, offset, information, now.t)
+        self._vote(rows, seen, detections[own])
 
     def _vote(self, rows: Index, seen: Seen, detections: Index) -> None:
         """Let detections that were read say what sign finds are."""

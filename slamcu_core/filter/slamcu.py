@@ -223,7 +223,7 @@ class SlamcuFilter:
         pose = cloud.mean
         self._around.refresh(pose[:2], self._particles)
         if len(record.items):
-            seen = seen.keep(~self._riders.flag(seen, self._odometer))
+            seen = seen.without(self._riders.flag(seen, self._odometer))
         occluders = sensor.occluders if record.t - sensor.occluders_at < 0.2 else ()
         view = sensor.lookout.look(self._around.rows, cloud, seen, occluders)
         if view is not None:
@@ -246,14 +246,17 @@ class SlamcuFilter:
 
     def _close(self, rows: list[int]) -> list[PassReport]:
         """End the passes of rows and report them."""
+        if not rows:
+            return []
         table, reports = self._table, []
         for row in self._management.end_passes(rows):
             seen = table.detected[row] or table.kind[row] == Kind.NEW
-            place = self._beliefs.position(row) if seen else None
-            beside = self._beside.weight(row)
-            if place is not None and beside and not self._beside.is_told(row):
-                reports.append(self._reporter.report_beside(row, place, beside))
-            report = self._reporter.report(row, place, beside=beside)
+            place = self._beliefs.place(row) if seen else None
+            position = None if place is None else self._beliefs.position(place)
+            beside = self._beside.weight(row, place)
+            if place is not None and position is not None and beside and not self._beside.is_told(row, place[0]):
+                reports.append(self._reporter.report_beside(row, position, beside))
+            report = self._reporter.report(row, position, beside=beside)
             if self._beside.is_another(row):
                 report = None
             if table.kind[row] == Kind.WATCH:

@@ -20,26 +20,28 @@ _SLOWEST_MOVER = 0.5  # of our own speed; what moves along with traffic moves at
 _ROUNDING = 1e-9  # of sums
 
 
-def road(table: FeatureTable, rows: Index, vectors: Array) -> Array:
-    """Return vectors (2, A) of dead reckoning's frame along the road at the birth of rows, and to its left."""
-    cos, sin = table.axis[rows].T
+def along(axis: Array, vectors: Array) -> Array:
+    """Return vectors (2, A) of dead reckoning's frame along roads of directions `axis` (2, A), and to their left."""
+    cos, sin = axis
     x, y = vectors
     return np.array([cos * x + sin * y, cos * y - sin * x])
 
 
-def track(table: FeatureTable, rows: Index, places: Array, information: tuple[Array, Array, Array], t: float) -> None:
+def track(table: FeatureTable, rows: Index, offset: Array, information: tuple[Array, Array, Array], t: float) -> None:
     """Add sightings of rows (A,) at a time to their regressions.
 
-    `places` (2, A) are in dead reckoning's frame; `information` is R⁻¹ of them as xx, xy, yy in the axes of the road.
+    `offset` (2, A) leads there from our place at the birth of the rows, `information` is R⁻¹ of that as xx, xy, yy,
+    both in the axes of the road.
     """
-    x, y = road(table, rows, places - table.origin[rows].T)
+    x, y = offset
     since = t - table.born[rows]
     xx, xy, yy = information
     sums = np.empty((9, len(rows)))  # of least squares: the matrix of place and speed, then its right-hand side
-    sums[:3] = information
+    sums[0], sums[1], sums[2] = information
     np.multiply(sums[:2], since, out=sums[3:5])
     np.multiply(sums[3], since, out=sums[5])
-    sums[6], sums[7] = xx * x + xy * y, xy * x + yy * y
+    np.add(xx * x, xy * y, out=sums[6])
+    np.add(xy * x, yy * y, out=sums[7])
     np.multiply(sums[6], since, out=sums[8])
     table.track[rows] += sums.T
 
@@ -55,6 +57,8 @@ def stands_still(
     xx, xy, yy, xx_t, xy_t, xx_tt, x, y, x_t = table.track.take(rows, axis=0).T
     determinant = xx * yy - xy * xy
     known = (determinant > 0.0) & (table.hits[rows] >= parameters.minimum_hits)
+    if not np.count_nonzero(known):
+        return np.asarray(known)
     determinant[~known] = 1.0
     along, across = (yy * xx_t - xy * xy_t) / determinant, (xx * xy_t - xy * xx_t) / determinant
     information = xx_tt - along * xx_t - across * xy_t  # about the speed, the place being free

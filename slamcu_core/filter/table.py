@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -213,6 +214,11 @@ class Vocabulary:
             code = self._codes[name] = len(self._names)
             self._names.append(name)
         return code
+
+    def codes(self, names: Sequence[str | None]) -> NDArray[np.intp]:
+        """Return the codes of names, (D,)."""
+        known = self._codes
+        return np.array([known[name] if name in known else self.code(name) for name in names], dtype=np.intp)
 
     def name(self, code: int) -> str | None:
         """Return the name of a code."""

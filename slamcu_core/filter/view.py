@@ -150,7 +150,7 @@ class Lookout:
         That is H Σ Hᵀ where the mean pose sees the mean place.
         """
         table, particles, model = self._table, self._particles, self._model
-        spread = table.covariance.T.take(rows, axis=1)
+        spread = np.array(table.covariance.take(rows, axis=0).T, order="C")
         spread[:, mapped:] = particles.covariances.take(table.slot[rows[mapped:]], axis=1) @ cloud.weights
         squares = place * place
         centre = Sight(outline.axes.T @ place, np.sqrt(squares[0] + squares[1]), place[1], None, cloud.mean[:, None])

@@ -17,7 +17,8 @@ def gaussian_log_likelihood(innovation: Array, covariance: Array) -> Array:
     square, determinant = mahalanobis_square(innovation, covariance)
     determinant *= (2.0 * np.pi) ** 2
     square += np.log(determinant)
-    return np.asarray(-0.5 * square)
+    square *= -0.5
+    return square
 
 
 def robust_log_likelihood(log_likelihood: Array, log_clutter: float, outlier_share: float) -> Array:
@@ -27,9 +28,14 @@ def robust_log_likelihood(log_likelihood: Array, log_clutter: float, outlier_sha
     floor = math.log(outlier_share) + log_clutter
     above = log_likelihood + (math.log1p(-outlier_share) - floor)
     # ln(exp(inlier) + exp(floor)); numpy's logaddexp and log1p are several times slower
-    rest = np.exp(-np.abs(above))
+    rest = np.abs(above)
+    np.negative(rest, out=rest)
+    np.exp(rest, out=rest)
     rest += 1.0
-    return np.asarray(np.maximum(above, 0.0) + np.log(rest) + floor)
+    np.maximum(above, 0.0, out=above)
+    above += np.log(rest, out=rest)
+    above += floor
+    return np.asarray(above)
 
 
 def combine(log_weight: Array, log_likelihoods: Array, temper: float) -> Array:
@@ -41,4 +47,4 @@ def combine(log_weight: Array, log_likelihoods: Array, temper: float) -> Array:
     log_likelihoods : (A, M) of all associated measurements, of map and new features alike.
     temper : exponent in (0, 1] for frames that share their errors (errata to section 6.2).
     """
-    return np.asarray(log_weight + temper * log_likelihoods.sum(axis=0))
+    return np.asarray(log_weight + temper * np.add.reduce(log_likelihoods, axis=0))

@@ -45,14 +45,18 @@ class Whiteness:
     def learn(self, now: Instant, features: Index, places: Array, measurement: Array, noise: Array) -> None:
         """Learn from features (A,) of the map at places (2, A), measured (2, A) with variances `noise` (2, A)."""
         if now.t - self._t < self._time and len(features) and len(self._features):
-            _, here, before = np.intersect1d(features, self._features, assume_unique=True, return_indices=True)
+            here, before = (features[:, None] == self._features).nonzero()
             if len(here):
-                poses = np.stack([now.pose, self._earlier(now)], axis=1)[:, :, None]
-                shown, last = self._model.predict(poses, places[:, None, here]).swapaxes(0, 1)
-                change = measurement[:, here] - shown - (self._measurement[:, before] - last)
+                order = features[here].argsort()
+                here, before = here[order], before[order]
+                poses = np.array([now.pose, self._earlier(now)]).T[:, :, None]
+                shown, last = self._model.predict(poses, places.take(here, axis=1)[:, None]).swapaxes(0, 1)
+                change = measurement.take(here, axis=1) - shown
+                change -= self._measurement.take(before, axis=1) - last
                 if self._model.has_bearing:
                     change[1] = wrap_angle(change[1])
-                square = change * change / (noise[:, here] + self._noise[:, before])
+                square = change * change
+                square /= noise.take(here, axis=1) + self._noise.take(before, axis=1)
                 self._changed += np.add.reduce(np.minimum(square, _OUTLIER), axis=1)
                 self._pairs += len(here)
         self._features, self._measurement, self._noise = features, measurement, noise

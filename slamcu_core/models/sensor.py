@@ -7,6 +7,7 @@ measurements (2, ...), matrices (2, 2, ...). What follows broadcasts, features b
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -221,19 +222,19 @@ class SensorModel:
             wrap_in_place(nu[1, ...])
         return nu
 
-    def measurement(self, detection: Detection) -> tuple[float, float]:
-        """Return the two components of a detection.
+    def measurements(self, detections: Sequence[Detection]) -> Array:
+        """Return the two components of D detections, (2, D).
 
-        Raises SlamcuError if the detection lacks what this kind of sensor measures.
+        Raises SlamcuError if a detection lacks what this kind of sensor measures.
         """
         if self.has_bearing:
-            first, second = detection.range, detection.bearing
+            parts = [detection.range for detection in detections], [detection.bearing for detection in detections]
         else:
-            first, second = detection.x, detection.y
-        if first is None or second is None:
+            parts = [detection.x for detection in detections], [detection.y for detection in detections]
+        if None in parts[0] or None in parts[1]:
             expected = "range and bearing" if self.has_bearing else "x and y"
             raise SlamcuError(f"a detection of sensor {self.sensor.id!r} needs {expected}")
-        return first, second
+        return np.array(parts, float)
 
     @property
     def clutter_density(self) -> float:

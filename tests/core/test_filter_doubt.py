@@ -107,10 +107,10 @@ def test_particles_drawn_anew_keep_the_cloud_and_those_astray_reach_far_beyond_i
 
 def test_a_sensor_s_poor_sight_far_away_is_learned_from_what_stands_there() -> None:
     rates, rng = DetectionRate(0.45, 8.0), np.random.default_rng(4)
-    assert rates.at(np.array([1.0, 7.5])) == pytest.approx([0.45, 0.45])
+    assert rates.within(np.array([1.0, 7.5])).now() == pytest.approx([0.45, 0.45])
     for _ in range(400):
-        rates.learn(np.array([1.5, 6.5]), rng.random(2) < [0.8, 0.1], 1.0)
-    near, far, beyond = rates.at(np.array([1.5, 6.5, 20.0]))
+        rates.within(np.array([1.5, 6.5])).learn(np.ones(2, bool), rng.random(2) < [0.8, 0.1], 1.0)
+    near, far, beyond = rates.within(np.array([1.5, 6.5, 20.0])).now()
     assert near == pytest.approx(0.8, abs=0.06)
     assert far == pytest.approx(0.1, abs=0.06)
     assert beyond == pytest.approx(0.45)  # in the last bin, where nothing was learned
@@ -121,8 +121,8 @@ def test_misses_say_no_more_than_that_a_row_was_in_view() -> None:
     row = np.array([table.add(Kind.MAP, feature_class=1, sign=0, value=0, prior=3.0)])
     total = 0.0
     for _ in range(200):  # of all particles a third have it in view, and always the same ones
-        weight = bounded_by_view(table, row, np.array([0.3]), np.array([0.1]))
+        weight = bounded_by_view(table, row, table.evidence[row], np.array([0.3]), np.array([0.1]))
         table.pass_against[row] += weight
         total += float(weight[0])
     assert total == pytest.approx(-np.log(0.7))
-    assert bounded_by_view(table, row, np.array([1.0]), np.array([0.1])) == pytest.approx([0.1])
+    assert bounded_by_view(table, row, table.evidence[row], np.array([1.0]), np.array([0.1])) == pytest.approx([0.1])

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
+import pytest
 
 from slamcu_core.drive import Detection, DetectionFrame, DriveHeader, InitialPose, Odometry, Record, Sensor
-from slamcu_core.filter import FilterParameters, SlamcuFilter
+from slamcu_core.filter import FilterParameters, SlamcuFilter, careful_update
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.prediction import Travel, predict
 from slamcu_core.geometry import LocalFrame, wrap_angle
@@ -82,3 +84,21 @@ def _held_fast(rng: np.random.Generator) -> Iterator[tuple[Record, float]]:
                 bearing += 0.03 * rng.standard_normal()
                 seen.append(Detection("traffic_sign", range=float(distance), bearing=float(bearing)))
         yield DetectionFrame(step / 10, "camera", tuple(seen)), heading
+
+
+@pytest.mark.parametrize("seed", [0, 5])
+def test_particles_drawn_for_a_surprise_weigh_the_same_a_part_at_a_time(
+    monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    in_parts, surprises = careful_update._weigh_in_parts, 0
+
+    def counted(*arguments: Any) -> Any:
+        nonlocal surprises
+        surprises += 1
+        return in_parts(*arguments)
+
+    monkeypatch.setattr(careful_update, "_weigh_in_parts", counted)
+    error = _heading_error(seed, slip_share=0.1)
+    assert surprises
+    monkeypatch.setattr(careful_update, "_PART", 10**9)
+    assert _heading_error(seed, slip_share=0.1) == error

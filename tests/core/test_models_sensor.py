@@ -61,9 +61,9 @@ def test_range_noise_grows_with_range_and_the_bearing_innovation_is_wrapped() ->
 
 def test_a_detection_without_what_its_sensor_measures_is_refused() -> None:
     with pytest.raises(SlamcuError, match="range and bearing"):
-        _model(SensorKind.RANGE_BEARING).measurement(Detection("traffic_sign", x=1.0, y=2.0))
+        _model(SensorKind.RANGE_BEARING).measurements([Detection("traffic_sign", x=1.0, y=2.0)])
     with pytest.raises(SlamcuError, match="x and y"):
-        _model(SensorKind.POSITION).measurement(Detection("traffic_sign", range=1.0, bearing=2.0))
+        _model(SensorKind.POSITION).measurements([Detection("traffic_sign", range=1.0, bearing=2.0)])
 
 
 def test_visibility_is_the_weight_of_the_particles_that_see_it() -> None:

@@ -50,9 +50,9 @@ def replaced(swaps: tuple[Swap, ...]) -> Iterator[None]:
             setattr(getattr(import_module(module), owner) if owner else import_module(module), name, part)
 
 
-def certain_detection(_table: object, rows: Index, _nominal: float, _concentration: float) -> Array:
+def certain_detection(held: Array, _nominal: Array, _concentration: float) -> Array:
     """Stand in for `existence.detectability`: what is in view is always detected."""
-    return np.ones(len(rows))
+    return np.ones(len(held))
 
 
 def as_a_whole(visible: Array) -> Array:
