@@ -70,6 +70,8 @@ def agglomerate(xy: Array, covariance: Array, finds: Sequence[Find], policy: Cla
     -------
     Clusters in order of their first members.
     """
+    if len(finds) == 1:  # as many are
+        return [Part((0,), xy[0], covariance[0], finds[0].sign, finds[0].value)]
     information = np.asarray(np.linalg.inv(covariance), float)
     vector = np.einsum("nij,nj->ni", information, xy)
     group = _Group(xy, covariance, information, vector, finds, _seen_together(xy, finds), policy)

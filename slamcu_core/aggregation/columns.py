@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from slamcu_core.aggregation.course import Histories, discounted, fold_histories
-from slamcu_core.aggregation.law import EPOCH_S
+from slamcu_core.aggregation.course import Course, Histories, discounted, fold_histories
+from slamcu_core.aggregation.law import EPOCH_S, FoldedState
 from slamcu_core.aggregation.policy import ClassPolicy
 from slamcu_core.errors import EvidenceError
 
@@ -54,6 +54,28 @@ class FoldedColumns:
     last_informative: Array  # (N,), s of POSIX time, NaN where nothing has been informative
     folded: Indices  # (N,), contributions that folded, at most the policy's window
     oldest: Array  # (N,), s of POSIX time of the oldest of them, NaN where there is none
+    stood_since: Array  # (N,), s of POSIX time within the window, NaN where it does not stand
+    turned_after: Array  # (N,), as `FoldedState` has it, NaN for nobody
+    turned_at: Array  # (N,)
+
+    def states(self) -> list[FoldedState]:
+        """Return each by itself, without its course."""
+        rows = zip(
+            self.weight_for.tolist(),
+            self.weight_against.tolist(),
+            self.contributors_for.tolist(),
+            self.contributors_against.tolist(),
+            _times(self.last_informative),
+            self.standing.tolist(),
+            _times(self.stood_since),
+            [()] * len(self.folded),
+            self.folded.tolist(),
+            _times(self.oldest),
+            _times(self.turned_after),
+            _times(self.turned_at),
+            strict=True,
+        )
+        return [FoldedState(*row) for row in rows]
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +134,7 @@ def fold_columns(
     oldest = np.full(len(priors), np.nan)
     oldest[newest.feature[::-1]] = newest.time[::-1]
     folds = shape[0] > 0
+    stood_since, turned_after, turned_at = _turns(course, histories, table(newest.time), counts)
     return FoldedColumns(
         weight_for=course.weight_for[-1] if folds else priors.copy(),
         weight_against=course.weight_against[-1] if folds else np.zeros(len(priors)),
@@ -121,7 +144,36 @@ def fold_columns(
         last_informative=times,
         folded=counts,
         oldest=oldest,
+        stood_since=stood_since,
+        turned_after=turned_after,
+        turned_at=turned_at,
     )
+
+
+def _turns(course: Course, histories: Histories, times: Array, counts: Indices) -> tuple[Array, Array, Array]:
+    """Return since when each of N features stands, and between which contributions what A > F says came about."""
+    since, after, at = (np.full(len(counts), np.nan) for _ in range(3))
+    if not len(times):
+        return since, after, at
+    step = np.arange(len(times))[:, None]
+
+    def begin(breaks: NDArray[np.bool_], end: Indices) -> Indices:
+        """Return the step after the last before `end` at which something breaks."""
+        return np.asarray(np.where(breaks & (step < end), step + 1, 0).max(axis=0, initial=0), np.intp)
+
+    stands = np.flatnonzero(course.standing[-1])
+    since[stands] = times[begin(~course.standing[:, stands], counts[stands]), stands]
+    gone = np.flatnonzero(course.weight_against[-1] > course.weight_for[-1])
+    run = begin(course.weight_against[:, gone] <= course.weight_for[:, gone], counts[gone])
+    first = begin(histories.weight_for[:, gone] > histories.weight_against[:, gone], run)
+    at[gone] = times[first, gone]
+    denied = gone[first > 0]
+    after[denied] = times[first[first > 0] - 1, denied]
+    return since, after, at
+
+
+def _times(seconds: Array) -> list[float | None]:
+    return [each if each == each else None for each in seconds.tolist()]  # noqa: PLR0124  (NaN)
 
 
 def _contributions(passes: PassColumns, policy: ClassPolicy, trust: ArrayLike | None) -> _Contributions:

@@ -76,6 +76,9 @@ def test_columns_fold_to_what_lists_fold_to(
         for time, wanted in (
             (found.last_informative[number], state.last_informative),
             (found.oldest[number], state.oldest),
+            (found.stood_since[number], state.stood_since),
+            (found.turned_after[number], state.turned_after),
+            (found.turned_at[number], state.turned_at),
         ):
             assert time == wanted if wanted is not None else math.isnan(time)
 

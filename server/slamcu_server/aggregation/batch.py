@@ -204,7 +204,7 @@ async def _match(
     for (number, _), near in zip(unreferenced, nearby, strict=True):
         feature = match_feature(passes[number], sequence[number], near, policy)
         if feature is not None:
-            made[number] = replace(passes[number], feature_id=feature.id)
+            made[number] = passes[number]._replace(feature_id=feature.id)
     return made
 
 

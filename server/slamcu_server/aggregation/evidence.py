@@ -14,10 +14,10 @@ from slamcu_core.aggregation import (
     EPOCH_S,
     ClassPolicy,
     FoldedState,
+    PassColumns,
     Side,
-    contributions_each,
     fades_each,
-    fold_each,
+    fold_columns,
     fuse_positions_each,
 )
 from slamcu_core.evidence import masses_from_weights
@@ -89,17 +89,23 @@ def summarize(
     a pure function of all that was ever reported, whether the expired passes are still stored or not.
     """
     ordered = [sorted(passes, key=lambda item: item.order) for passes in things]
-    states = fold_each(
-        contributions_each([[item.evidence for item in mine] for mine in ordered], policy),
-        prior_weights=[0.0] * len(ordered) if prior_weights is None else prior_weights,
-        policy=policy,
-        side=side,
-    )
+    priors = [0.0] * len(ordered) if prior_weights is None else prior_weights
+    states = fold_columns(_columns(ordered), priors, policy, deleted=side is Side.DELETED).states()
     fading = _fades_at(states, policy, side)
     return [
         _summary(mine, state, faded, policy, may_expire=may_expire)
         for mine, state, faded in zip(ordered, states, fading, strict=True)
     ]
+
+
+def _columns(things: Sequence[Sequence[StoredPass]]) -> PassColumns:
+    """Return what the law folds of the passes over each thing."""
+    table = np.array(
+        [(item.contributor, item.ended_at.timestamp(), *item.weights) for mine in things for item in mine],
+        [("contributor", "i8"), ("ended_at", "f8"), ("weight_for", "f8"), ("weight_against", "f8")],
+    )
+    thing = np.repeat(np.arange(len(things)), [len(mine) for mine in things])
+    return PassColumns(thing, *(table[name].copy() for name in table.dtype.names or ()))
 
 
 def _summary(

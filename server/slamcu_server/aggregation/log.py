@@ -64,7 +64,7 @@ async def _claim(connection: AsyncConnection, which: str, limit: int, **paramete
         ClaimedMessage(
             row.id, row.account_id, row.session_id, row.message_id, row.body or b"", row.region, row.condensed
         )
-        for row in result
+        for row in result.all()
     ]
 
 

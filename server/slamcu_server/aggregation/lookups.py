@@ -164,4 +164,4 @@ async def watches(connection: AsyncConnection, ids: Iterable[int]) -> dict[int, 
         JOIN passes p ON p.id = c.founding_pass"""),  # noqa: S608  (constants)
         {"id": given("bigint", asked)},
     )
-    return {row[0]: WatchReference(*row) for row in found}
+    return {row[0]: WatchReference(*row) for row in found.all()}

@@ -70,7 +70,8 @@ async def _turn(connection: AsyncConnection, about: Mapping[int, tuple[Kind, End
     await connection.execute(
         text(f"""
         UPDATE changes c SET kind = r.kind, feature_id = r.feature, candidate_id = r.candidate
-        FROM {unnest(types)} WHERE c.id = r.id"""),  # noqa: S608  (constants)
+        FROM {unnest(types)} WHERE c.id = r.id
+        AND (c.kind, c.feature_id, c.candidate_id) IS DISTINCT FROM (r.kind, r.feature, r.candidate)"""),  # noqa: S608  (constants)
         arrays(types, rows),
     )
 

@@ -103,7 +103,7 @@ async def _known_changes(
             row.candidate_id,
             row.evidence_left,
         )
-        for row in result
+        for row in result.all()
     ]
 
 
