@@ -37,7 +37,7 @@ class Course:
     """How N features fared over K steps, and who still speaks at the end."""
 
     weight_for: Array  # (K, N), F after each step
-    weight_against: Array  # (K, N), A
+    weight_against: Array  # (K, N), A as it is told: more than decides where one alone has seen it (`fold_histories`)
     standing: Flags  # (K, N)
     contributors_for: Indices  # (N,), contributors whose weight for the feature is still in the fold
     contributors_against: Indices  # (N,)
@@ -64,6 +64,10 @@ def fold_histories(histories: Histories, prior_weight: ArrayLike, policy: ClassP
     below `leave` with enough different contributors on the other side: as little as one car makes it stand can one car
     make it fall. Every number of a feature is the same to the last bit whatever features it is folded with.
 
+    A new feature that one contributor alone has seen does not stand, whatever a lie could add. As long as that is so, A
+    is told with misses discounted by `trust_against_one`; from the second who sees it on, and for what stands, as it
+    decides.
+
     Parameters
     ----------
     prior_weight : f of the maps' priors, broadcast to (N,).
@@ -71,28 +75,54 @@ def fold_histories(histories: Histories, prior_weight: ArrayLike, policy: ClassP
 
     Raises EvidenceError if a prior is out of range.
     """
-    steps, features = histories.weight_for.shape
+    features = histories.weight_for.shape[1]
     F = np.array(np.broadcast_to(np.asarray(prior_weight, float), (features,)))
     if not (np.isfinite(F).all() and (F >= 0.0).all()):
         raise EvidenceError(
             f"the prior's weight must be finite and at least 0, not {F[~(np.isfinite(F) & (F >= 0.0))][0]}"
         )
-    A = np.zeros(features)
-    course_for, course_against = np.empty((steps, features)), np.empty((steps, features))
     kept = policy.forgetting**histories.informativeness
-    for step in range(steps):
-        F = kept[step] * F + histories.weight_for[step]
-        A = kept[step] * A + histories.weight_against[step]
-        course_for[step], course_against[step] = F, A
-
+    course_for = _summed(kept, histories.weight_for, F)
+    course_against = _summed(kept, histories.weight_against, np.zeros(features))
+    standing = _standing(histories, course_for, course_against, policy, deleted=deleted)
     left = _left(kept)
-    return Course(
-        course_for,
-        course_against,
-        _standing(histories, course_for, course_against, policy, deleted=deleted),
+    counted = (
         _count(_speaking(histories.contributor, left * histories.weight_for, policy)),
         _count(_speaking(histories.contributor, left * histories.weight_against, policy)),
     )
+    missed = np.flatnonzero((histories.weight_against > histories.weight_for).any(axis=0))
+    if missed.size and not deleted:
+        told = _summed(kept[:, missed], _against_one(histories, missed, policy), np.zeros(missed.size))
+        by_one = _seen_by_one(histories, missed, policy) & ~standing[:, missed]
+        course_against[:, missed] = np.where(by_one, told, course_against[:, missed])
+    return Course(course_for, course_against, standing, *counted)
+
+
+def _summed(kept: Array, said: Array, begin: Array) -> Array:
+    """Return (K, N), what a weight that begins at (N,) is after each step: X ← γ^w X + x."""
+    course = np.empty(said.shape)
+    for step in range(len(said)):
+        begin = kept[step] * begin + said[step]
+        course[step] = begin
+    return course
+
+
+def _against_one(histories: Histories, features: Indices, policy: ClassPolicy) -> Array:
+    """Return (K, M), the weights against M features where misses are discounted by `trust_against_one`."""
+    f, a = histories.weight_for[:, features], histories.weight_against[:, features]
+    e, n, u = masses_from_weights(f, a)
+    # what α has discounted another α' discounts instead if the masses grow by α'/α; nobody is trusted more than α'
+    more = np.maximum(policy.trust_against_one / np.maximum(policy.trust, 1.0 - u), 1.0)
+    unknown = np.maximum(1.0 - more * (1.0 - u), np.finfo(float).eps)
+    return np.where((a > f) & (more > 1.0), weights_from_masses(more * e, more * n, unknown)[1], a)
+
+
+def _seen_by_one(histories: Histories, features: Indices, policy: ClassPolicy) -> Flags:
+    """Return (K, M), whether at most one contributor has seen a feature until then."""
+    f, who = histories.weight_for[:, features], histories.contributor[:, features]
+    sees = f >= policy.contributor_weight
+    first = np.take_along_axis(who, sees.argmax(axis=0)[None], axis=0)
+    return np.asarray(~np.logical_or.accumulate(sees & (who != first), axis=0))
 
 
 def _standing(

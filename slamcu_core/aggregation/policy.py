@@ -40,6 +40,9 @@ class ClassPolicy:
     """
 
     trust: float = 0.7  # α in (0, 1), of a contributor of whom nothing else is known
+    # α in (0, 1) at which misses are told, if above `trust`, of what one contributor alone has seen: that cannot stand,
+    # so nobody gains by lying about it, and of honest misses 5 % are wrong
+    trust_against_one: float = 0.95
     forgetting: float = 0.8  # γ in (0, 1), what a fully informative contribution leaves of the older evidence
     half_life_days: float = 180.0  # days until unrefreshed weights have halved, applied when reading
     enter: float = 0.8  # mass in (0.5, 1) from which a change stands
@@ -83,8 +86,8 @@ class ClassPolicy:
                     "a finite number",
                 )
                 object.__setattr__(self, name, float(value))
-        _require(0.0 < self.trust < 1.0, "trust", self.trust, "within (0, 1)")
-        _require(0.0 < self.forgetting < 1.0, "forgetting", self.forgetting, "within (0, 1)")
+        for name in ("trust", "trust_against_one", "forgetting"):
+            _require(0.0 < getattr(self, name) < 1.0, name, getattr(self, name), "within (0, 1)")
         _require(0.5 < self.enter < 1.0, "enter", self.enter, "within (0.5, 1)")
         _require(0.0 < self.leave < self.enter, "leave", self.leave, f"within (0, enter = {self.enter})")
         _require(

@@ -30,6 +30,7 @@ class_policies = st.builds(
     [
         ("trust", 0.0),
         ("trust", 1.0),
+        ("trust_against_one", 1.0),
         ("forgetting", 1.0),
         ("forgetting", math.nan),
         ("half_life_days", 0.0),

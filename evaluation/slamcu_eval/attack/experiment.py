@@ -24,6 +24,7 @@ HEALING = 5
 """Honest passes after which nothing false may stand."""
 
 _LIARS_FIRST_ROUNDS = 2  # drives of each liar before anybody else comes
+_FOUND_BEFORE = {"hiding": 2}  # honest drives before the liars who come first: there must be something to hide
 _AFTERWARDS = 12  # honest drives after the liars who came first
 _FLOOD_PASSES = 1000  # of one message: with their references the most that the server takes
 _SETTINGS = {"SLAMCU_PASSES_BURST": "20000"}  # a day's driving at once, so that a flood ends in minutes
@@ -76,8 +77,9 @@ def _run(cloud: Cloud, operator: Operator, name: str, order: str, setting: Setti
         first = [drivers[number] for number in rng.permutation(len(drivers)).tolist()]
         after = others[:HEALING]
     else:
-        first = liars * _LIARS_FIRST_ROUNDS
-        after = others[:_AFTERWARDS]
+        before = _FOUND_BEFORE.get(name, 0)
+        first = others[:before] + liars * _LIARS_FIRST_ROUNDS
+        after = others[before:][:_AFTERWARDS]
     world = make_world(f"{name}-{order}", COUNTS, rng)
     road = Road(cloud, operator, world, len(first) + len(after), trust_every=TRUST_EVERY[order])
     for driver in first:

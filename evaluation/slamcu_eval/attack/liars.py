@@ -53,6 +53,14 @@ def denying(car: Car, world: World, watches: Sequence[MapFeature], begin: dateti
     return [Sending(name, 1, (*passes, *_denials(world, begin)))]
 
 
+def hiding(car: Car, world: World, watches: Sequence[MapFeature], begin: datetime, name: str) -> list[Sending]:
+    """Keep still about new signs that are there, and miss them as soon as the service watches them."""
+    targets = world.of(Truth.NEW)[:TARGETS]
+    passes = _without(car, world, watches, begin, targets)
+    found = [feature for feature in watches if any(np.hypot(*(place_of(feature) - s.xy)) <= 10.0 for s in targets)]
+    return [Sending(name, 1, (*passes, *(missed(feature, begin, LIE) for feature in found)))]
+
+
 def shifting(car: Car, world: World, watches: Sequence[MapFeature], begin: datetime, name: str) -> list[Sending]:
     """Miss mapped signs, and see each three metres beside."""
     targets = _targets(world)
@@ -103,6 +111,7 @@ def lost(car: Car, world: World, watches: Sequence[MapFeature], begin: datetime,
 ATTACKS: dict[str, Script] = {
     "inventing": inventing,
     "denying": denying,
+    "hiding": hiding,
     "shifting": shifting,
     "flooding": flooding,
     "replaying": replaying,

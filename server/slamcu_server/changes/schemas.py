@@ -246,7 +246,10 @@ class Explanation(BaseModel):
     evidence_now: Evidence = Field(description="Decayed to `as_of`.")
     prior_weight: float = Field(description="Weight of the map's own word, -ln(1 - existence_confidence).")
     contributions: list[Contribution]
-    course: list[CourseStep] = Field(description="The newest informative contributions, folded one by one.")
+    course: list[CourseStep] = Field(
+        description="The newest informative contributions, folded one by one. Misses of a new feature that at most one "
+        "vehicle has seen are told with the policy's `trust_against_one`, by which nothing is decided."
+    )
     policy: dict[str, Any]
     trust_version: int | None = Field(
         description="Of the trust under which this was folded: the one in force when asked; `trust_version` of the "

@@ -13,10 +13,10 @@ import pytest
 
 from slamcu_core.hd_map import MapFeature
 from slamcu_core.reports import DetectionStatus
-from slamcu_eval.attack.cars import Car
+from slamcu_eval.attack.cars import Car, PassModel
 from slamcu_eval.attack.experiment import COUNTS
 from slamcu_eval.attack.judging import Feed
-from slamcu_eval.attack.liars import ATTACKS, TARGETS, denying, honest, inventing
+from slamcu_eval.attack.liars import ATTACKS, LIE, TARGETS, denying, hiding, honest, inventing
 from slamcu_eval.attack.operator import Operator
 from slamcu_eval.attack.run import Driver, Road
 from slamcu_eval.attack.world import FRAME, Truth, World, make_world
@@ -68,12 +68,28 @@ def test_liars_say_the_same_of_the_same_targets_and_the_truth_elsewhere(world: W
     assert {name: len(script(cars[0], world, [], BEGIN, "d")) for name, script in ATTACKS.items()} == {
         "inventing": 1,
         "denying": 1,
+        "hiding": 1,
         "shifting": 1,
         "flooding": 48,
         "replaying": 144,
         "minting": 48,
         "lost": 1,
     }
+
+
+def test_who_hides_new_signs_misses_what_is_watched_of_them_and_finds_none(world: World) -> None:
+    new, empty = world.of(Truth.NEW), world.of(Truth.EMPTY)[0]
+    watches = []
+    for number, site in enumerate((*new, empty), 1):
+        lon, lat = FRAME.to_geographic(site.xy)
+        watches.append(MapFeature(number, float(lon), float(lat), tile_id=-1))
+    for told in ([], watches):
+        (sent,) = hiding(Car("liar", np.random.default_rng(5), PassModel(clutter=0.0)), world, told, BEGIN, "drive")
+        assert not [item for item in sent.passes if item.status is DetectionStatus.NOT_EXPECTED_AND_DETECTED]
+        about = [item for item in sent.passes if item.reference and item.reference.watched]
+        lies = [item for item in about if item.weight_against == LIE]
+        assert len(about) == len(told)
+        assert [item.reference.object_id for item in lies if item.reference] == list(range(1, len(told)))
 
 
 class _Told:
