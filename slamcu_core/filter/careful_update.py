@@ -48,6 +48,11 @@ class _Question:
     possible: NDArray[np.bool_]
     log_unknown: Array
 
+    def of_what_may_be(self) -> _Question:
+        """Return the question without the columns that no detection may be."""
+        asked = np.logical_or.reduce(self.possible, axis=0)
+        return replace(self, columns=self.columns[asked], possible=self.possible[:, asked])
+
 
 @dataclass(frozen=True, slots=True)
 class Occasion:
@@ -103,6 +108,7 @@ def weigh_with_care(
     elif occasion.surprised or (occasion.stale and _wide(view, seen, score)):
         slots = update.table.slot[view.rows[columns]]
         many = particles.many(_MANY, _KERNEL, rng, slots[slots >= 0])
+        question = question.of_what_may_be()
         if occasion.surprised:
             many.stray(particles, _ASTRAY, _ASTRAY_SHARE, _ASTRAY_WIDTH, rng)
         log_likelihood, each = _weigh_in_parts(replace(update, particles=many), question, share, rng)

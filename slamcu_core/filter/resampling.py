@@ -44,12 +44,13 @@ def resample(
     wider = _lost(weights)
     std = np.sqrt(np.maximum(covariance.diagonal(), 1e-30))
     correlation = covariance / np.outer(std, std) + 1e-9 * np.eye(len(std))
-    follows = _regression(particles, weights, mean, correlation, std) if jitter > 0.0 else None
+    moved_along = jitter > 0.0 and not leave_open
+    follows = _regression(particles, weights, mean, correlation, std) if moved_along else None
     particles.select(systematic(weights, rng))
-    if follows is not None:
+    if jitter > 0.0:
         delta = particles.state - mean[:, None]
         delta[2] = wrap_angle(delta[2])
-        if leave_open:
+        if follows is None:
             particles.state += (np.sqrt(1.0 - jitter**2) - 1.0) * delta
             _spread_later(particles, (wider - 1.0 + jitter**2) * correlation * np.outer(std, std), rng)
             return True

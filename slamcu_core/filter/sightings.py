@@ -52,9 +52,9 @@ class SightingNotes:
         heading = rotation(float(now.reckoned[2]))
         places = heading @ ahead_left.take(own, axis=1) + now.reckoned[:2, None]
         axis = table.axis.take(rows, axis=0).T
-        across = standing.along(axis, heading @ ahead.take(own, axis=1))
+        across = standing.along_road(axis, heading @ ahead.take(own, axis=1))
         information = model.information(across, measured.take(own, axis=1), noise.take(own, axis=1))
-        offset = standing.along(axis, places - table.origin.take(rows, axis=0).T)
+        offset = standing.along_road(axis, places - table.origin.take(rows, axis=0).T)
         standing.track(table, rows, offset, information, now.t)
         self._vote(rows, seen, detections[own])
 

@@ -20,7 +20,7 @@ _SLOWEST_MOVER = 0.5  # of our own speed; what moves along with traffic moves at
 _ROUNDING = 1e-9  # of sums
 
 
-def along(axis: Array, vectors: Array) -> Array:
+def along_road(axis: Array, vectors: Array) -> Array:
     """Return vectors (2, A) of dead reckoning's frame along roads of directions `axis` (2, A), and to their left."""
     cos, sin = axis
     x, y = vectors
@@ -54,24 +54,22 @@ def stands_still(
     A row is proven when its speed agrees with 0 (chi-square 9) and is ten times as likely to be that as the slowest
     mover's. A wrong scale of range looks like a speed in proportion to our own.
     """
-    xx, xy, yy, xx_t, xy_t, xx_tt, x, y, x_t = table.track.take(rows, axis=0).T
-    determinant = xx * yy - xy * xy
-    known = (determinant > 0.0) & (table.hits[rows] >= parameters.minimum_hits)
-    if not np.count_nonzero(known):
-        return np.asarray(known)
-    determinant[~known] = 1.0
-    along, across = (yy * xx_t - xy * xy_t) / determinant, (xx * xy_t - xy * xx_t) / determinant
-    information = xx_tt - along * xx_t - across * xy_t  # about the speed, the place being free
-    known &= information > _ROUNDING * xx_tt
-    information[~known] = 1.0
-    speed = (x_t - along * x - across * y) / information
-    np.abs(speed, out=speed)
-    variance = 1.0 / information
-    variance += (_SCALE_ERROR * own_speed) ** 2
-    faster = np.maximum(max(parameters.mover_speed, _SLOWEST_MOVER * abs(own_speed)) - speed, 0.0)
-    speed *= speed
-    known &= speed < 9.0 * variance
-    faster *= faster
-    faster -= speed
-    known &= faster > 4.6 * variance
-    return np.asarray(known)
+    enough = table.hits[rows] >= parameters.minimum_hits
+    slowest = max(parameters.mover_speed, _SLOWEST_MOVER * abs(own_speed))
+    scale_variance = (_SCALE_ERROR * own_speed) ** 2
+    # one by one in plain numbers: of the few finds that are asked of, most fail early
+    for index in enough.nonzero()[0].tolist():
+        xx, xy, yy, xx_t, xy_t, xx_tt, x, y, x_t = table.track[rows[index]].tolist()
+        determinant = xx * yy - xy * xy
+        enough[index] = False
+        if not determinant > 0.0:
+            continue
+        along, across = (yy * xx_t - xy * xy_t) / determinant, (xx * xy_t - xy * xx_t) / determinant
+        information = xx_tt - along * xx_t - across * xy_t  # about the speed, the place being free
+        if not information > _ROUNDING * xx_tt:
+            continue
+        speed = abs((x_t - along * x - across * y) / information)
+        variance = 1.0 / information + scale_variance
+        faster = max(slowest - speed, 0.0)
+        enough[index] = speed * speed < 9.0 * variance and faster * faster - speed * speed > 4.6 * variance
+    return np.asarray(enough)
