@@ -155,6 +155,8 @@ class MapManagement:
     def _proven(self, rows: Index) -> NDArray[np.bool_]:
         """Return whether finds have proven to be one thing that stands still."""
         stands = standing.stands_still(self._table, rows, self._speed, self._parameters)
+        if not np.count_nonzero(stands):
+            return stands
         return np.asarray(stands & existence.shows_itself(self._table, rows))
 
     def classify(self, rows: Index) -> NDArray[np.str_]:

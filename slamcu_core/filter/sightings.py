@@ -13,7 +13,10 @@ from slamcu_core.filter.table import FeatureTable, Kind
 from slamcu_core.geometry import rotation
 from slamcu_core.models import SensorModel
 
+Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+_LEAST = 1e-12  # variance; a sensor may claim to measure the range 0 without error
 
 
 class SightingNotes:
@@ -26,36 +29,22 @@ class SightingNotes:
     def add(self, model: SensorModel, rows: Index, seen: Seen, detections: Index, now: Instant) -> None:
         """Note where rows were seen, for their reports and for whether they stand still."""
         table = self._table
-        here, heading = now.pose[:2], rotation(float(now.pose[2]))
-        measured, noise = seen.measurement.take(detections, axis=1), seen.noise.take(detections, axis=1)
+        measured = seen.measurement.take(detections, axis=1)
+        noise = np.maximum(seen.noise.take(detections, axis=1), _LEAST)
         ahead_left, ahead = seen.ahead_left.take(detections, axis=1), seen.toward.take(detections, axis=1)
-        x, y = heading @ ahead_left + here[:, None]
-        toward = heading @ ahead
-        xx, xy, yy = model.information(toward, measured, noise)
-        weight = 1.0 / noise[0]
-        across = 1.0 / (np.maximum(measured[0], 1e-3) * noise[1])
-        sums = np.empty((13, len(rows)))  # in the order of the parts of `sighted`
-        sums[0], sums[1], sums[2], sums[3] = xx, xy, xy, yy
-        np.add(xx * x, xy * y, out=sums[4])
-        np.add(xy * x, yy * y, out=sums[5])
-        sums[6] = weight
-        np.multiply(weight, here[:, None], out=sums[7:9])
-        np.multiply(weight * measured[0], toward, out=sums[9:11])
-        np.multiply(across, toward[::-1], out=sums[11:])
-        np.negative(sums[11], out=sums[11])
-        table.sighted[rows] += sums.T
+        here, heading = now.pose[:2], rotation(float(now.pose[2]))
+        places, toward = heading @ ahead_left + here[:, None], heading @ ahead
+        table.sighted[rows] += _sums(model, here, np.concatenate([places, toward, measured, noise]))
         own = (table.kind[rows] == Kind.NEW).nonzero()[0]
         if not len(own):
             return
         rows = rows[own]
         # whether finds stand still, by dead reckoning, for a correction of the pose would look like motion
         heading = rotation(float(now.reckoned[2]))
-        places = heading @ ahead_left.take(own, axis=1) + now.reckoned[:2, None]
-        axis = table.axis.take(rows, axis=0).T
-        across = standing.along_road(axis, heading @ ahead.take(own, axis=1))
-        information = model.information(across, measured.take(own, axis=1), noise.take(own, axis=1))
-        offset = standing.along_road(axis, places - table.origin.take(rows, axis=0).T)
-        standing.track(table, rows, offset, information, now.t)
+        places, toward = heading @ ahead_left.take(own, axis=1), heading @ ahead.take(own, axis=1)
+        places += now.reckoned[:2, None]
+        sightings = np.concatenate([places, toward, measured.take(own, axis=1), noise.take(own, axis=1)])
+        standing.track(table, rows, model, sightings, now.t)
         self._vote(rows, seen, detections[own])
 
     def _vote(self, rows: Index, seen: Seen, detections: Index) -> None:
@@ -71,3 +60,20 @@ class SightingNotes:
     def forget(self, row: int) -> None:
         """Forget what a find was read as."""
         self._votes.pop(row, None)
+
+
+def _sums(model: SensorModel, here: Array, sightings: Array) -> list[list[float]]:
+    """Return what sightings (8, A) from a place (2,) add to the parts of `sighted`, each (13,), in their order.
+
+    Of each sighting: its place, its direction, and the two components of what was measured and of the variances. A
+    handful of them is sooner done in plain numbers than as arrays.
+    """
+    sums, (here_x, here_y) = [], here.tolist()
+    for x, y, cos, sin, distance, _, *noise in sightings.T.tolist():
+        xx, xy, yy = model.information(cos, sin, distance, *noise)
+        weight, across = 1.0 / noise[0], 1.0 / (max(distance, 1e-3) * noise[1])
+        stretch = weight * distance
+        position = xx, xy, xy, yy, xx * x + xy * y, xy * x + yy * y
+        view = weight, weight * here_x, weight * here_y
+        sums.append([*position, *view, stretch * cos, stretch * sin, -(across * sin), across * cos])
+    return sums

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.table import FeatureTable
+from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -20,30 +21,24 @@ _SLOWEST_MOVER = 0.5  # of our own speed; what moves along with traffic moves at
 _ROUNDING = 1e-9  # of sums
 
 
-def along_road(axis: Array, vectors: Array) -> Array:
-    """Return vectors (2, A) of dead reckoning's frame along roads of directions `axis` (2, A), and to their left."""
-    cos, sin = axis
-    x, y = vectors
-    return np.array([cos * x + sin * y, cos * y - sin * x])
+def track(table: FeatureTable, rows: Index, model: SensorModel, sightings: Array, t: float) -> None:
+    """Add sightings (8, A) of rows (A,) at a time to their regressions, each in the axes of the road at its birth.
 
-
-def track(table: FeatureTable, rows: Index, offset: Array, information: tuple[Array, Array, Array], t: float) -> None:
-    """Add sightings of rows (A,) at a time to their regressions.
-
-    `offset` (2, A) leads there from our place at the birth of the rows, `information` is R⁻¹ of that as xx, xy, yy,
-    both in the axes of the road.
+    Of each: its place and direction in dead reckoning's frame, and the two components of what was measured and of the
+    variances.
     """
-    x, y = offset
-    since = t - table.born[rows]
-    xx, xy, yy = information
-    sums = np.empty((9, len(rows)))  # of least squares: the matrix of place and speed, then its right-hand side
-    sums[0], sums[1], sums[2] = information
-    np.multiply(sums[:2], since, out=sums[3:5])
-    np.multiply(sums[3], since, out=sums[5])
-    np.add(xx * x, xy * y, out=sums[6])
-    np.add(xy * x, yy * y, out=sums[7])
-    np.multiply(sums[6], since, out=sums[8])
-    table.track[rows] += sums.T
+    sums = []  # of least squares: the matrix of place and speed, then its right-hand side
+    axes, origins, born = table.axis.take(rows, axis=0), table.origin.take(rows, axis=0), table.born[rows]
+    for (cos, sin), (x0, y0), start, (place_x, place_y, to_x, to_y, distance, _, *noise) in zip(
+        axes.tolist(), origins.tolist(), born.tolist(), sightings.T.tolist(), strict=True
+    ):
+        east, north = place_x - x0, place_y - y0
+        x, y = cos * east + sin * north, cos * north - sin * east
+        xx, xy, yy = model.information(cos * to_x + sin * to_y, cos * to_y - sin * to_x, distance, *noise)
+        since = t - start
+        xx_t, xy_t, right = xx * since, xy * since, xx * x + xy * y
+        sums.append([xx, xy, yy, xx_t, xy_t, xx_t * since, right, xy * x + yy * y, right * since])
+    table.track[rows] += sums
 
 
 def stands_still(

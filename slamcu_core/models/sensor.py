@@ -179,16 +179,18 @@ class SensorModel:
         ahead_left[1] += mount.y
         return ahead_left, toward
 
-    def information(self, toward: Array, measurement: Array, noise: Array) -> tuple[Array, Array, Array]:
-        """Return how much measurements (2, A) along directions (2, A) tell of a place: Hᵀ R⁻¹ H as xx, xy, yy in 1/m².
+    def information(
+        self, cos: float, sin: float, distance: float, first: float, second: float
+    ) -> tuple[float, float, float]:
+        """Return how much a measurement in a direction tells of a place: Hᵀ R⁻¹ H as xx, xy, yy in 1/m².
 
-        That is 1/σ_r² along the line of sight and 1/(r σ_b)² across it.
+        `distance` is what was measured first, `first` and `second` are its variances. That is 1/σ_r² along the line of
+        sight and 1/(r σ_b)² across it.
         """
-        along, across = 1.0 / noise
+        along, across = 1.0 / first, 1.0 / second
         if self.has_bearing:
-            distance = np.maximum(measurement[0], 1e-3)
+            distance = max(distance, 1e-3)
             across /= distance * distance
-        cos, sin = toward
         more = (along - across) * cos
         xx = more * cos + across
         return xx, more * sin, along + across - xx

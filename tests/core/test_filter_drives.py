@@ -439,3 +439,11 @@ def test_evidence_of_a_frame_is_tempered_by_the_time_since_the_last() -> None:
     expected = float(support(0.9)) * reports[0].frames_detected / 3.0
     assert reports[0].weight_for == pytest.approx(expected, rel=1e-6)
     assert car.health.trusted
+
+
+def test_a_thing_at_range_0_of_a_sensor_without_error_there_is_no_error() -> None:
+    exact = replace(CAMERA, min_range_m=0.0, range_std_m=0.0, range_std_rel=0.02)
+    car = SlamcuFilter(HDMap([]), replace(HEADER, sensors=(exact,)), rng=np.random.default_rng(0))
+    for step in range(1, 4):
+        car.feed(DetectionFrame(step / 10, "camera", (Detection("traffic_sign", range=0.0, bearing=0.0),)))
+    assert np.isfinite(car.pose.covariance_m2).all()
