@@ -90,11 +90,14 @@ def fold_histories(histories: Histories, prior_weight: ArrayLike, policy: ClassP
         _count(_speaking(histories.contributor, left * histories.weight_for, policy)),
         _count(_speaking(histories.contributor, left * histories.weight_against, policy)),
     )
-    missed = np.flatnonzero((histories.weight_against > histories.weight_for).any(axis=0))
-    if missed.size and not deleted:
-        told = _summed(kept[:, missed], _against_one(histories, missed, policy), np.zeros(missed.size))
-        by_one = _seen_by_one(histories, missed, policy) & ~standing[:, missed]
-        course_against[:, missed] = np.where(by_one, told, course_against[:, missed])
+    if not deleted:
+        by_one = _seen_by_one(histories, policy)
+        # where nobody misses it before a second sees it both are the same
+        apart = np.flatnonzero((by_one & (histories.weight_against > histories.weight_for)).any(axis=0))
+        if apart.size:
+            told = _summed(kept[:, apart], _against_one(histories, apart, policy), np.zeros(apart.size))
+            alone = by_one[:, apart] & ~standing[:, apart]
+            course_against[:, apart] = np.where(alone, told, course_against[:, apart])
     return Course(course_for, course_against, standing, *counted)
 
 
@@ -117,12 +120,13 @@ def _against_one(histories: Histories, features: Indices, policy: ClassPolicy) -
     return np.where((a > f) & (more > 1.0), weights_from_masses(more * e, more * n, unknown)[1], a)
 
 
-def _seen_by_one(histories: Histories, features: Indices, policy: ClassPolicy) -> Flags:
-    """Return (K, M), whether at most one contributor has seen a feature until then."""
-    f, who = histories.weight_for[:, features], histories.contributor[:, features]
-    sees = f >= policy.contributor_weight
-    first = np.take_along_axis(who, sees.argmax(axis=0)[None], axis=0)
-    return np.asarray(~np.logical_or.accumulate(sees & (who != first), axis=0))
+def _seen_by_one(histories: Histories, policy: ClassPolicy) -> Flags:
+    """Return (K, N), whether at most one contributor has seen a feature until then."""
+    sees = histories.weight_for >= policy.contributor_weight
+    if not sees.size:
+        return sees
+    first = np.take_along_axis(histories.contributor, sees.argmax(axis=0)[None], axis=0)
+    return np.asarray(~np.logical_or.accumulate(sees & (histories.contributor != first), axis=0))
 
 
 def _standing(
