@@ -27,7 +27,7 @@ from slamcu_server.trust.job import Recomputed, recompute
 logger = logging.getLogger(__name__)
 
 BATCH_SIZE = 256
-"""Messages: more would share what a batch costs by itself, and wait longer for each other."""
+"""Messages: more would share what a batch costs by itself, and wait longer for each other (decision 0023)."""
 
 POLL_S = 1.0  # between looks at the log when nobody calls: a notification may be lost with its connection
 _HOUSEKEEPING_S = 600.0
