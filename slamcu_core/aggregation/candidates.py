@@ -44,11 +44,14 @@ def cluster(
     interval: ArrayLike,
     order_key: Sequence[tuple[Any, ...]],
     policy: Policy,
+    doubtful: Sequence[bool] | None = None,
 ) -> Clusters:
     """Partition N passes into candidates; clusters are numbered by their founders in canonical order.
 
     Two finds of one observer whose times in view overlap are two objects and never share a cluster. Classes never mix;
     signs and values that differ never mix, None goes with anything. A miss goes to the nearest cluster within the gate.
+    What was said in doubt does not change what the others are: such a find goes to the nearest cluster too, and where
+    there is none makes clusters with its like.
 
     Parameters
     ----------
@@ -60,13 +63,15 @@ def cluster(
     observer : (contributor, session) of each pass.
     interval : (N, 2), start and end of the time in view, s.
     order_key : identity of each pass; unique, and comparable with each other.
+    doubtful : of each pass, whether the filter said that it is not to be trusted; None: nobody's did.
 
     Raises EvidenceError on wrong shapes, places or covariances that are not usable, or identities that repeat.
     """
     order = _canonical_order(order_key)
     places, covariances = np.asarray(xy, float).reshape(-1, 2), np.asarray(covariance, float).reshape(-1, 2, 2)
     found, times = np.asarray(evidence_sign) > 0, np.asarray(interval, float).reshape(-1, 2)
-    lengths = {len(places), len(covariances), len(found), len(times), len(order)}
+    doubted = np.zeros(len(order), bool) if doubtful is None else np.asarray(doubtful, bool)
+    lengths = {len(places), len(covariances), len(found), len(times), len(order), len(doubted)}
     if len(lengths | {len(names) for names in (group_key, sign, value, observer)}) != 1:
         raise EvidenceError("every argument of a clustering needs one entry for each pass")
     check_positions(places, covariances)
@@ -76,15 +81,24 @@ def cluster(
     for name in sorted(set(group_key)):
         rules = policy.for_class(name)
         chosen = [i for i in order if group_key[i] == name]
-        finds = np.array([i for i in chosen if found[i]], np.intp)
         floored = own_covariance(covariances, rules) + rules.position_floor_m**2 * np.eye(2)
+        finds = np.array([i for i in chosen if found[i] and not doubted[i]], np.intp)
         mine = _merged(places, floored, finds, sign=sign, value=value, observer=observer, times=times, policy=rules)
+        belongs = {
+            i: _nearest(places, floored, i, mine, sign=sign, value=value, policy=rules)
+            for i in chosen
+            if doubted[i] or not found[i]
+        }
+        rest = np.array([i for i, number in belongs.items() if number is None and found[i]], np.intp)
+        known = len(mine)
+        mine += _merged(places, floored, rest, sign=sign, value=value, observer=observer, times=times, policy=rules)
+        for one in [i for i, number in belongs.items() if number is None and not found[i]]:
+            beside = _nearest(places, floored, one, mine[known:], sign=sign, value=value, policy=rules)
+            belongs[one] = None if beside is None else known + beside
+        for one, number in belongs.items():
+            labels[one] = -1 if number is None else len(parts) + number
         for number, part in enumerate(mine, start=len(parts)):
             labels[list(part.members)] = number
-        for miss in chosen:
-            if not found[miss]:
-                nearest = _nearest(places, floored, miss, mine, sign=sign[miss], value=value[miss], policy=rules)
-                labels[miss] = -1 if nearest is None else len(parts) + nearest
         parts += mine
     return _numbered(labels, [part.members[0] for part in parts], order)
 
@@ -133,20 +147,20 @@ def _merged(
 def _nearest(
     places: Array,
     covariances: Array,
-    miss: int,
+    one: int,
     parts: Sequence[Part],
     *,
-    sign: str | None,
-    value: str | None,
+    sign: Sequence[str | None],
+    value: Sequence[str | None],
     policy: ClassPolicy,
 ) -> int | None:
-    """Return which cluster a miss is about: the likeliest within the gate that has a find within the match radius."""
+    """Return which cluster a pass is about: the likeliest within the gate that has a find within the match radius."""
     best, nearest = np.inf, None
     for number, part in enumerate(parts):
-        if not (compatible(sign, part.sign) and compatible(value, part.value)):
+        if not (compatible(sign[one], part.sign) and compatible(value[one], part.value)):
             continue
-        cost = float(pair_costs(part.xy - places[miss], part.covariance + covariances[miss], policy))
-        distances = np.hypot(*(places[list(part.members)] - places[miss]).T)
+        cost = float(pair_costs(part.xy - places[one], part.covariance + covariances[one], policy))
+        distances = np.hypot(*(places[list(part.members)] - places[one]).T)
         if cost < best and distances.min() <= policy.match_radius_m:
             best, nearest = cost, number
     return nearest

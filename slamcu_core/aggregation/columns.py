@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamcu_core.aggregation.course import Course, Histories, discounted, fold_histories
+from slamcu_core.aggregation.doubt import heard
 from slamcu_core.aggregation.law import EPOCH_S, FoldedState
 from slamcu_core.aggregation.policy import ClassPolicy
+from slamcu_core.aggregation.trust import Trusts
 from slamcu_core.errors import EvidenceError
 
 Array = NDArray[np.float64]
@@ -30,6 +32,7 @@ class PassColumns:
     ended_at: Array  # (P,), s of POSIX time
     weight_for: Array  # (P,), f >= 0
     weight_against: Array  # (P,), a >= 0
+    doubtful: NDArray[np.bool_] | None = None  # (P,), whether the filter was not to be trusted; None: nobody's was
 
     def take(self, chosen: Indices) -> PassColumns:
         """Return some of the passes, given by their numbers."""
@@ -39,6 +42,7 @@ class PassColumns:
             self.ended_at[chosen],
             self.weight_for[chosen],
             self.weight_against[chosen],
+            None if self.doubtful is None else self.doubtful[chosen],
         )
 
 
@@ -52,7 +56,7 @@ class FoldedColumns:
     contributors_for: Indices  # (N,)
     contributors_against: Indices  # (N,)
     last_informative: Array  # (N,), s of POSIX time, NaN where nothing has been informative
-    folded: Indices  # (N,), contributions that folded, at most the policy's window
+    folded: Indices  # (N,), informative contributions in the window, at most the policy's, also such as are not heard
     oldest: Array  # (N,), s of POSIX time of the oldest of them, NaN where there is none
     stood_since: Array  # (N,), s of POSIX time within the window, NaN where it does not stand
     turned_after: Array  # (N,), as `FoldedState` has it, NaN for nobody
@@ -88,6 +92,19 @@ class _Contributions:
     weight_for: Array  # discounted
     weight_against: Array
     informativeness: Array
+    doubtful: NDArray[np.bool_] | None
+
+    def take(self, chosen: Indices) -> _Contributions:
+        """Return some of them."""
+        return _Contributions(
+            self.feature[chosen],
+            self.contributor[chosen],
+            self.time[chosen],
+            self.weight_for[chosen],
+            self.weight_against[chosen],
+            self.informativeness[chosen],
+            None if self.doubtful is None else self.doubtful[chosen],
+        )
 
 
 def fold_columns(
@@ -110,7 +127,8 @@ def fold_columns(
     """
     priors = np.atleast_1d(np.asarray(prior_weight, float))
     _check(passes, trust)
-    newest = _newest_informative(_contributions(passes, policy, trust), len(priors), policy)
+    window = _newest_informative(_contributions(passes, policy, trust), len(priors), policy)
+    newest = _heard(window, policy)
     counts = np.bincount(newest.feature, minlength=len(priors))
     step = np.arange(len(newest.feature)) - np.repeat(np.cumsum(counts) - counts, counts)
     shape = (int(counts.max(initial=0)), len(priors))
@@ -126,13 +144,13 @@ def fold_columns(
         table(newest.weight_against),
         table(newest.informativeness),
         table(_codes(newest.feature, newest.contributor), np.intp),
-        None if policy.trusts is None else table(policy.trusts.records(newest.contributor, newest.time), bool),
+        None if policy.trusts is None else table(_proven(newest, policy.trusts), bool),
     )
     course = fold_histories(histories, priors, policy, deleted=deleted)
     times = np.full(len(priors), np.nan)
     times[newest.feature] = newest.time  # the last of each is written last
     oldest = np.full(len(priors), np.nan)
-    oldest[newest.feature[::-1]] = newest.time[::-1]
+    oldest[window.feature[::-1]] = window.time[::-1]
     folds = shape[0] > 0
     stood_since, turned_after, turned_at = _turns(course, histories, table(newest.time), counts)
     return FoldedColumns(
@@ -142,7 +160,7 @@ def fold_columns(
         contributors_for=course.contributors_for,
         contributors_against=course.contributors_against,
         last_informative=times,
-        folded=counts,
+        folded=np.bincount(window.feature, minlength=len(priors)),
         oldest=oldest,
         stood_since=stood_since,
         turned_after=turned_after,
@@ -184,12 +202,61 @@ def _contributions(passes: PassColumns, policy: ClassPolicy, trust: ArrayLike | 
     if not _in_order(passes):
         order = np.lexsort((passes.contributor, passes.ended_at, passes.feature))
         passes, alpha = passes.take(order), alpha[order]
-    summed, last = _summed(passes)
+    summed, last = _summed(passes if passes.doubtful is None else _without_doubt(passes, passes.doubtful))
     return _Contributions(
         summed.feature,
         summed.contributor,
         summed.ended_at,
         *discounted(summed.weight_for, summed.weight_against, alpha if last is None else alpha[last], policy),
+        summed.doubtful,
+    )
+
+
+def _heard(items: _Contributions, policy: ClassPolicy) -> _Contributions:
+    if items.doubtful is None:
+        return items
+    return items.take(
+        np.flatnonzero(
+            heard(
+                items.feature,
+                items.contributor,
+                weight_for=items.weight_for,
+                weight_against=items.weight_against,
+                informativeness=items.informativeness,
+                doubtful=items.doubtful,
+                policy=policy,
+            )
+        )
+    )
+
+
+def _proven(items: _Contributions, trusts: Trusts) -> NDArray[np.bool_]:
+    proven = trusts.records(items.contributor, items.time)
+    return proven if items.doubtful is None else proven & ~items.doubtful
+
+
+def _without_doubt(passes: PassColumns, doubtful: NDArray[np.bool_]) -> PassColumns:
+    """Take the weights from what was said in doubt by who said something without it in the same epoch.
+
+    What says nothing is not in doubt afterwards, and all of one contributor and epoch that speaks is, or nothing.
+    """
+    speaks = (passes.weight_for > 0.0) | (passes.weight_against > 0.0)
+    doubtful = doubtful & speaks
+    epoch = np.floor(passes.ended_at / EPOCH_S).astype(np.int64)
+    # in order of feature and time, so those of one epoch stand together: few have anything in doubt
+    block = np.cumsum((np.diff(passes.feature, prepend=-1) != 0) | (np.diff(epoch, prepend=0) != 0))
+    few = np.flatnonzero(np.bincount(block, doubtful)[block] > 0)
+    _, group = np.unique(np.stack([block[few], passes.contributor[few]]), axis=1, return_inverse=True)
+    without = np.bincount(group.ravel(), (speaks & ~doubtful)[few]) > 0
+    silent = np.zeros(len(doubtful), bool)
+    silent[few] = doubtful[few] & without[group.ravel()]
+    return PassColumns(
+        passes.feature,
+        passes.contributor,
+        passes.ended_at,
+        np.where(silent, 0.0, passes.weight_for),
+        np.where(silent, 0.0, passes.weight_against),
+        doubtful & ~silent,
     )
 
 
@@ -220,9 +287,13 @@ def _summed(passes: PassColumns) -> tuple[PassColumns, Indices | None]:
     weight_for, weight_against = passes.weight_for.copy(), passes.weight_against.copy()
     weight_for[last] = np.add.reduceat(group.weight_for, begins)
     weight_against[last] = np.add.reduceat(group.weight_against, begins)
+    doubtful = passes.doubtful
+    if doubtful is not None and group.doubtful is not None:
+        doubtful = doubtful.copy()
+        doubtful[last] = np.logical_or.reduceat(group.doubtful, begins)
     kept = ~crowded
     kept[last] = True
-    table = PassColumns(passes.feature, passes.contributor, passes.ended_at, weight_for, weight_against)
+    table = PassColumns(passes.feature, passes.contributor, passes.ended_at, weight_for, weight_against, doubtful)
     return table.take(np.flatnonzero(kept)), np.flatnonzero(kept)
 
 
@@ -252,14 +323,7 @@ def _newest_informative(items: _Contributions, features: int, policy: ClassPolic
     counts = np.bincount(items.feature[informative], minlength=features)
     left = np.repeat(np.cumsum(counts), counts) - np.arange(informative.size)  # from here to the feature's last: 1
     order = informative[left <= policy.window]
-    return _Contributions(
-        items.feature[order],
-        items.contributor[order],
-        items.time[order],
-        items.weight_for[order],
-        items.weight_against[order],
-        items.informativeness[order],
-    )
+    return items.take(order)
 
 
 def _check(passes: PassColumns, trust: ArrayLike | None) -> None:

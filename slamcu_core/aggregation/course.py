@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from slamcu_core.aggregation.doubt import HAS_LOOKED
 from slamcu_core.aggregation.policy import ClassPolicy
 from slamcu_core.errors import EvidenceError
 from slamcu_core.evidence import masses_from_weights, weights_from_masses
@@ -17,8 +18,6 @@ from slamcu_core.evidence import masses_from_weights, weights_from_masses
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Flags = NDArray[np.bool_]
-
-_HAS_LOOKED = 0.5  # informativeness from which a contribution knows more than it does not
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +203,7 @@ def _refuted(
     f, a = histories.weight_for[:steps, features], histories.weight_against[:steps, features]
     if sees:
         # whose view was blocked but for a frame has missed nothing that counts, while a glimpse is a sight
-        speaks = (a > f) & (histories.informativeness[:steps, features] >= _HAS_LOOKED)
+        speaks = (a > f) & (histories.informativeness[:steps, features] >= HAS_LOOKED)
     else:
         speaks = (f > a) & (f >= policy.contributor_weight)
     after = np.where(speaks, np.arange(1, steps + 1)[:, None], 0)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import pairwise
 
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.aggregation.course import Course, Histories, discounted, fold_histories
+from slamcu_core.aggregation.doubt import heard
 from slamcu_core.aggregation.policy import ClassPolicy
 from slamcu_core.errors import EvidenceError
 
@@ -37,6 +38,7 @@ class PassEvidence:
     ended_at: float  # s of POSIX time
     weight_for: float  # f >= 0
     weight_against: float  # a >= 0
+    doubtful: bool = False  # whether the filter said that it is not to be trusted
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,7 @@ class Contribution:
     weight_against: float
     informativeness: float  # w in [0, 1]
     passes: int
+    doubtful: bool = False  # it folds only if others in doubt agree (`heard`)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +78,7 @@ class FoldedState:
     standing: bool
     stood_since: float | None  # s of POSIX time within the window, None if it does not stand
     steps: tuple[FoldStep, ...]
-    folded: int = 0  # contributions that folded, at most the policy's window
+    folded: int = 0  # informative contributions in the window, at most the policy's, also such as are not heard
     oldest: float | None = None  # s of POSIX time of the oldest of them
     turned_after: float | None = None  # s of POSIX time, last to deny what A > F says; None: nobody in the window
     turned_at: float | None = None  # s of POSIX time, the first to say it after that; None: F >= A now
@@ -87,7 +90,8 @@ def contributions(
     """Sum the passes of each contributor and epoch, and discount each sum once by the contributor's trust.
 
     The sums are exactly rounded, so that permutations of the passes give identical bits. The informativeness is
-    w = (1 - u)/α with the policy's α: a contributor trusted less than that can neither say nor erase much.
+    w = (1 - u)/α with the policy's α: a contributor trusted less than that can neither say nor erase much. What a
+    contributor said in doubt counts for nothing in an epoch in which it said something without.
 
     Parameters
     ----------
@@ -114,19 +118,27 @@ def contributions_each(
         ordered += mine
         members += [groups[contributor, epoch] for _, contributor, epoch in mine]
         bounds.append(len(ordered))
+    spoken = [group if _in_doubt(group) else [p for p in group if not p.doubtful] for group in members]
     f, a, informativeness = discounted(
-        [math.fsum(p.weight_for for p in group) for group in members],
-        [math.fsum(p.weight_against for p in group) for group in members],
+        [math.fsum(p.weight_for for p in group) for group in spoken],
+        [math.fsum(p.weight_against for p in group) for group in spoken],
         _trust([contributor for _, contributor, _ in ordered], policy, trust),
         policy,
     )
     flat = [
-        Contribution(contributor, epoch, time, *numbers, passes=len(group))
+        Contribution(contributor, epoch, time, *numbers, passes=len(group), doubtful=_in_doubt(group))
         for (time, contributor, epoch), numbers, group in zip(
             ordered, zip(f.tolist(), a.tolist(), informativeness.tolist(), strict=True), members, strict=True
         )
     ]
     return [flat[begin:end] for begin, end in pairwise(bounds)]
+
+
+def _in_doubt(group: Sequence[PassEvidence]) -> bool:
+    """Whether all that a contributor said within an epoch it said in doubt."""
+    return any(p.doubtful for p in group) and not any(
+        p.weight_for > 0.0 or p.weight_against > 0.0 for p in group if not p.doubtful
+    )
 
 
 def _by_contributor_and_epoch(passes: Iterable[PassEvidence]) -> dict[tuple[int, int], list[PassEvidence]]:
@@ -145,6 +157,7 @@ def _by_contributor_and_epoch(passes: Iterable[PassEvidence]) -> dict[tuple[int,
 def fold(contributions: Iterable[Contribution], *, prior_weight: float, policy: ClassPolicy, side: Side) -> FoldedState:
     """Fold the newest K informative contributions: F ← γ^w F + f, A ← γ^w A + a, F from the prior, A from 0.
 
+    What was said in doubt is one of the K, and folds if it is `heard`: which of them do depends on nothing older.
     Along the way the change stands from the moment that its mass reaches `enter` with enough different contributors
     until the mass is below `leave` with enough of them on the other side. A contributor is counted while at least
     `contributor_weight` of what it said on that side is left: misses that everyone has forgotten must not help one car
@@ -182,11 +195,39 @@ def fold_each(
     priors = np.array(list(prior_weights), float)
     if len(priors) != len(newest):
         raise EvidenceError(f"{len(newest)} features need as many priors, not {len(priors)}")
-    course = fold_histories(_histories(newest, policy), priors, policy, deleted=side is Side.DELETED)
+    folding = _heard(newest, policy)
+    course = fold_histories(_histories(folding, policy), priors, policy, deleted=side is Side.DELETED)
     return [
-        _state(items, course, feature, prior, with_steps=with_steps)
-        for feature, (items, prior) in enumerate(zip(newest, priors.tolist(), strict=True))
+        replace(
+            _state(items, course, feature, prior, with_steps=with_steps),
+            folded=len(window),
+            oldest=window[0].time if window else None,
+        )
+        for feature, (items, window, prior) in enumerate(zip(folding, newest, priors.tolist(), strict=True))
     ]
+
+
+def _heard(newest: Sequence[Sequence[Contribution]], policy: ClassPolicy) -> list[Sequence[Contribution]]:
+    """Return of each feature's newest contributions those that fold."""
+    doubted = [number for number, items in enumerate(newest) if any(item.doubtful for item in items)]
+    folding = list(newest)
+    if not doubted:
+        return folding
+    flat = [item for number in doubted for item in newest[number]]
+    told = iter(
+        heard(
+            np.repeat(np.arange(len(doubted)), [len(newest[number]) for number in doubted]),
+            np.array([item.contributor for item in flat], np.int64),
+            weight_for=np.array([item.weight_for for item in flat]),
+            weight_against=np.array([item.weight_against for item in flat]),
+            informativeness=np.array([item.informativeness for item in flat]),
+            doubtful=np.array([item.doubtful for item in flat]),
+            policy=policy,
+        ).tolist()
+    )
+    for number in doubted:
+        folding[number] = [item for item in newest[number] if next(told)]
+    return folding
 
 
 def _histories(newest: Sequence[Sequence[Contribution]], policy: ClassPolicy) -> Histories:
@@ -204,7 +245,7 @@ def _histories(newest: Sequence[Sequence[Contribution]], policy: ClassPolicy) ->
         if policy.trusts is not None:
             proven[: len(items), feature] = policy.trusts.records(
                 [item.contributor for item in items], [item.time for item in items]
-            )
+            ) & ~np.array([item.doubtful for item in items], bool)  # whoever doubts speaks without a record
     return Histories(f, a, w, who, None if policy.trusts is None else proven)
 
 
@@ -233,8 +274,6 @@ def _state(
         standing=since is not None,
         stood_since=since,
         steps=tuple(FoldStep(item.time, item.contributor, f, a, stands) for item, f, a, stands in steps),
-        folded=len(items),
-        oldest=items[0].time,
         turned_after=turned_after,
         turned_at=turned_at,
     )

@@ -25,11 +25,13 @@ _COUNTS = frozenset(
         "contributors_new",
         "contributors_deleted",
         "contributors_leave",
+        "contributors_in_doubt",
         "pair_patience",
         "strangers_more",
         "window",
     }
 )
+_MAY_BE_NONE = frozenset({"strangers_more", "contributors_in_doubt"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +54,9 @@ class ClassPolicy:
     contributors_leave: int = 2  # the same for evidence that makes what stands stand no longer
     # how many more than each of these it takes, if above 1, where none of them has a record; 0: none is a stranger
     strangers_more: int = 1
+    # how many of those who said that they are not to be trusted have to agree for their word to count, to the quorums
+    # as that of strangers; 0: it never does
+    contributors_in_doubt: int = 4
     contributor_weight: float = 0.1  # weight of evidence that a contributor must have left in the fold to be counted
     window: int = 64  # K, newest informative contributions that fold: 0.8⁶⁴ = 6e-7
     minimum_informativeness: float = 0.05  # w in [0, 1) below which a contribution has seen nothing
@@ -71,7 +76,7 @@ class ClassPolicy:
         for name in _PARAMETERS:
             value = getattr(self, name)
             if name in _COUNTS:
-                least = 0 if name == "strangers_more" else 1
+                least = 0 if name in _MAY_BE_NONE else 1
                 _require(
                     isinstance(value, int) and not isinstance(value, bool) and value >= least,
                     name,

@@ -31,6 +31,7 @@ class Pass:
     session: str = "a"
     start: float = 0.0
     index: int = 0
+    doubtful: bool = False
 
     @property
     def identity(self) -> tuple[float, int, str, int, int]:
@@ -49,6 +50,7 @@ def _cluster(passes: list[Pass], policy: Policy = POLICY) -> Clusters:
         interval=[(p.start, p.start + 4.0) for p in passes],
         order_key=[p.identity for p in passes],
         policy=policy,
+        doubtful=[p.doubtful for p in passes],
     )
 
 
@@ -331,3 +333,39 @@ def test_a_find_that_one_session_tells_again_and_again_is_one_object() -> None:
 
     assert clusters([(0.0, 0.0)] * 9) == 1
     assert clusters([(0.5 * number, 0.0) for number in range(3)]) == 3
+
+
+_TOLD = st.builds(
+    Pass,
+    x=st.integers(0, 60).map(lambda n: 0.25 * n),
+    std=st.sampled_from([0.3, 1.0]),
+    seen=st.sampled_from([True, True, False]),
+    sign=st.sampled_from([None, "STOP_SIGN", "YIELD"]),
+    contributor=st.integers(1, 4),
+    doubtful=st.booleans(),
+)
+
+
+@given(told=st.lists(_TOLD, max_size=14))
+def test_what_was_said_in_doubt_does_not_change_what_the_others_are(told: list[Pass]) -> None:
+    passes = [dataclasses.replace(item, index=number) for number, item in enumerate(told)]
+    sure = [item for item in passes if not item.doubtful]
+    alone, together = _partition(sure, _cluster(sure)), _partition(passes, _cluster(passes))
+    for item in sure:
+        mine, before = together[item], alone[item]
+        if before is not None:
+            assert mine is not None
+            assert {other for other in mine if not other.doubtful} == before
+        elif mine is not None:  # a miss that was near nothing may be near what was found in doubt
+            assert not item.seen
+            assert all(other.doubtful for other in mine if other.seen)
+
+
+def test_finds_in_doubt_that_nobody_else_has_made_are_a_candidate_of_their_own() -> None:
+    there = [Pass(10.0 + 0.1 * car, contributor=car, index=car, doubtful=True) for car in range(3)]
+    lost = [Pass(60.0, contributor=8, index=8, doubtful=True)]
+    sure = [Pass(10.5, contributor=9, index=9)]
+    assert len(_cluster(there + lost).founders) == 2
+    joined = _cluster(there + lost + sure)
+    assert joined.labels[:3].tolist() == [joined.labels[4]] * 3
+    assert joined.founders[joined.labels[4]] == 4, "who was sure has founded it"

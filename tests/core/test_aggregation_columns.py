@@ -27,8 +27,9 @@ _PASSES = st.builds(
     ended_at=st.integers(0, 40).map(lambda n: 1_000_000_000.25 + 900.0 * n),
     weight_for=_WEIGHTS,
     weight_against=_WEIGHTS,
+    doubtful=st.sampled_from([False, False, True]),
 )
-_POLICY = ClassPolicy(window=6, contributors_deleted=2)
+_POLICY = ClassPolicy(window=6, contributors_deleted=2, contributors_in_doubt=2)
 
 
 def columns(features: list[list[PassEvidence]]) -> PassColumns:
@@ -39,6 +40,7 @@ def columns(features: list[list[PassEvidence]]) -> PassColumns:
         np.array([item.ended_at for _, item in flat], float),
         np.array([item.weight_for for _, item in flat], float),
         np.array([item.weight_against for _, item in flat], float),
+        np.array([item.doubtful for _, item in flat], bool),
     )
 
 
@@ -55,13 +57,7 @@ def test_columns_fold_to_what_lists_fold_to(
 ) -> None:
     table = columns(features)
     order = np.random.default_rng(seed).permutation(len(table.feature))
-    shuffled = PassColumns(
-        table.feature[order],
-        table.contributor[order],
-        table.ended_at[order],
-        table.weight_for[order],
-        table.weight_against[order],
-    )
+    shuffled = table.take(order)
     trust = None if trusts is None else np.array([trusts[who] for who in shuffled.contributor.tolist()])
     found = fold_columns(shuffled, np.full(len(features), prior), _POLICY, deleted=side is Side.DELETED, trust=trust)
     for number, passes in enumerate(features):

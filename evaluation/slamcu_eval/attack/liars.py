@@ -30,6 +30,7 @@ class Sending:
     session: str
     number: int
     passes: tuple[PassReport, ...]
+    trusted: bool = True  # what it says of its own filter
 
 
 Script = Callable[[Car, World, Sequence[MapFeature], datetime, str], list[Sending]]
@@ -101,11 +102,22 @@ def minting(car: Car, world: World, watches: Sequence[MapFeature], begin: dateti
     ]
 
 
+def doubting(_: Car, world: World, watches: Sequence[MapFeature], begin: datetime, name: str) -> list[Sending]:
+    """Invent and deny, and flag it all, as if roadworks had led one astray: flags are not judged."""
+    passes = (*_inventions(world, watches, begin), *_denials(world, begin))
+    return [Sending(name, 1, passes, trusted=False)]
+
+
 def lost(car: Car, world: World, watches: Sequence[MapFeature], begin: datetime, name: str) -> list[Sending]:
     """Drive with a filter that has diverged and does not know."""
     angle = car.rng.uniform(0.0, 2.0 * np.pi)
     diverged = LostCar(car.name, car.rng, car.model, shift=(11.0 * np.cos(angle), 11.0 * np.sin(angle)))
     return [Sending(name, 1, tuple(diverged.drive(world, watches, begin)))]
+
+
+def astray(car: Car, world: World, watches: Sequence[MapFeature], begin: datetime, name: str) -> list[Sending]:
+    """Drive with a filter that has diverged, and knows."""
+    return [replace(sending, trusted=False) for sending in lost(car, world, watches, begin, name)]
 
 
 ATTACKS: dict[str, Script] = {
@@ -116,7 +128,9 @@ ATTACKS: dict[str, Script] = {
     "flooding": flooding,
     "replaying": replaying,
     "minting": minting,
+    "doubting": doubting,
     "lost": lost,
+    "astray": astray,
 }
 
 

@@ -14,7 +14,7 @@ from slamcu_client import MapCache, Server
 from slamcu_core.errors import SlamcuError
 from slamcu_core.formats import write_hd_map
 from slamcu_core.hd_map import MapFeature
-from slamcu_core.reports import ReportMessage
+from slamcu_core.reports import Health, ReportMessage
 from slamcu_core.sensoris import join_batch, serialize_message
 from slamcu_eval.attack.cars import Car
 from slamcu_eval.attack.judging import Feed
@@ -112,6 +112,7 @@ class Road:
                 session_id=sending.session,
                 message_id=sending.number,
                 passes=sending.passes,
+                health=Health(trusted=sending.trusted),
                 fleet_id="attack",
                 map_identity=self.world.identity,
                 sensor_model="passes",

@@ -93,7 +93,7 @@ def summarize(
     states = fold_columns(_columns(ordered), priors, policy, deleted=side is Side.DELETED).states()
     fading = _fades_at(states, policy, side)
     return [
-        _summary(mine, state, faded, policy, may_expire=may_expire)
+        _summary(mine, state, faded, policy, side, may_expire=may_expire)
         for mine, state, faded in zip(ordered, states, fading, strict=True)
     ]
 
@@ -113,11 +113,14 @@ def _summary(
     state: FoldedState,
     fading: float | None,
     policy: ClassPolicy,
+    side: Side,
     *,
     may_expire: Callable[[StoredPass], bool],
 ) -> Summary:
     looked = [item for item in ordered if item.counts and not item.blocked]
     seen = [item for item in looked if item.found]
+    if not seen and side is Side.NEW and state.weight_for > 0.0:
+        seen = witnesses(ordered)
     expired: set[int] = set()
     if state.oldest is not None and state.folded == policy.window:
         window_epoch = math.floor(state.oldest / EPOCH_S)
@@ -157,6 +160,12 @@ def _fades_at(states: Sequence[FoldedState], policy: ClassPolicy, side: Side) ->
     ]
 
 
+def witnesses(passes: Iterable[StoredPass]) -> list[StoredPass]:
+    """Return the passes that saw something: whoever did in doubt is asked only where nobody else has seen it."""
+    seen = [item for item in passes if item.valid and item.found]
+    return [item for item in seen if item.trusted] or seen
+
+
 def fuse_place(passes: Iterable[StoredPass], policy: ClassPolicy) -> Place:
     """Fuse the places where passes saw a candidate, in a frame that depends on nothing but these passes.
 
@@ -169,7 +178,7 @@ def fuse_places(things: Sequence[Iterable[StoredPass]], policy: ClassPolicy) -> 
     """Fuse the places where passes saw each of some candidates of one class: `fuse_place` of each."""
     if not things:
         return []
-    seen = [[item for item in passes if item.counts and item.found and item.place is not None] for passes in things]
+    seen = [witnesses(item for item in passes if item.place is not None) for passes in things]
     if not all(seen):
         raise ValueError("no pass saw it at a place")
     firsts = [min(mine, key=lambda item: item.order).place for mine in seen]
@@ -210,7 +219,7 @@ def covariances(entries: Sequence[tuple[float, float, float]]) -> np.ndarray:
 
 def prevailing(passes: Iterable[StoredPass]) -> tuple[str | None, str | None]:
     """Return the sign and value with the most weight for them; equal weights go by name, and a name beats none."""
-    seen = [item for item in passes if item.counts and item.found]
+    seen = witnesses(passes)
     sign = _heaviest([(item.sign, item.weight_for) for item in seen])
     value = _heaviest([(item.value, item.weight_for) for item in seen if item.sign in (sign, None)])
     return sign, value

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from slamcu_core.aggregation import Policy, Side
 from slamcu_core.evidence import support
-from slamcu_server.aggregation.evidence import Place, Summary, fuse_places, prevailing, summarize
+from slamcu_server.aggregation.evidence import Place, Summary, fuse_places, prevailing, summarize, witnesses
 from slamcu_server.aggregation.membership import Membership, assign, group_by_reach
 from slamcu_server.aggregation.passes import StoredPass
 from slamcu_server.aggregation.reads import MappedFeature
@@ -113,7 +113,7 @@ def fold_features(
 def members(candidate_id: int, passes: Sequence[StoredPass]) -> Membership | None:
     """Return a candidate's membership out of the passes that count for it as they are stored; None without any find."""
     mine = sorted((item for item in passes if item.clusters), key=lambda item: item.order)
-    founder = next((item for item in mine if item.found), None)
+    founder = next(iter(witnesses(mine)), None)
     return None if founder is None else Membership(candidate_id, founder, tuple(mine), ())
 
 

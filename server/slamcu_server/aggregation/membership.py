@@ -84,6 +84,7 @@ def assign(
         group_key=[item.feature_class for item in group],
         sign=[item.sign for item in group],
         value=[item.value for item in group],
+        doubtful=[not item.trusted for item in group],
         observer=[item.key[:2] for item in group],
         interval=[(item.started_at.timestamp(), item.ended_at.timestamp()) for item in group],
         order_key=[item.order for item in group],

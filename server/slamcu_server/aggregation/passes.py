@@ -56,7 +56,10 @@ class StoredPass(NamedTuple):
 
     @property
     def counts(self) -> bool:
-        """Whether it is evidence at all: from a filter to be trusted, about something that was not crossed out."""
+        """Whether it is evidence by itself: from a filter to be trusted, about something that was not crossed out.
+
+        What was said in doubt is evidence only together with what others say; the law decides that.
+        """
         return self.trusted and self.valid
 
     @property
@@ -79,17 +82,17 @@ class StoredPass(NamedTuple):
     @property
     def clusters(self) -> bool:
         """Whether its place makes it part of a candidate: an unmapped find, or such a find looked for and missed."""
-        if not self.counts or self.place is None or self.feature_id is not None or self.watch_id is not None:
+        if not self.valid or self.place is None or self.feature_id is not None or self.watch_id is not None:
             return False
         return self.status is DetectionStatus.NOT_EXPECTED_AND_DETECTED or self.status in _OWN_FIND_MISSED
 
     @property
     def weights(self) -> tuple[float, float]:
-        """Its weights for and against; none if it does not count or was blocked (occlusion is vacuous, eq. 4)."""
-        speaks = self.counts and not self.blocked
+        """Its weights for and against; none if it was crossed out or blocked (occlusion is vacuous, eq. 4)."""
+        speaks = self.valid and not self.blocked
         return (self.weight_for, self.weight_against) if speaks else (0.0, 0.0)
 
     @property
     def evidence(self) -> PassEvidence:
         """What the law folds of it."""
-        return PassEvidence(self.contributor, self.ended_at.timestamp(), *self.weights)
+        return PassEvidence(self.contributor, self.ended_at.timestamp(), *self.weights, doubtful=not self.trusted)

@@ -61,7 +61,9 @@ async def append(
     known_features : most of these map features; what the others are is asked for.
     """
     ids, counts = np.unique(about, return_counts=True)
-    features = await windowed_features(connection, dict(zip(ids.tolist(), counts.tolist(), strict=True)))
+    features = await windowed_features(
+        connection, dict(zip(ids.tolist(), counts.tolist(), strict=True)), policy.version
+    )
     feature_class, confidence = await _kinds(connection, features.id, known_features)
     held = _Held(
         windows.unpack(features.windows),
@@ -156,6 +158,7 @@ def _fold(
     ended_at, contributor = table["ended_at"].astype(np.int64), table["contributor"].astype(np.int64)
     order = _order(feature, ended_at, contributor)
     table, feature, ended_at, contributor = table.take(order), feature[order], ended_at[order], contributor[order]
+    doubtful = table["flags"] & windows.DOUBTFUL > 0
     state = fold_columns(
         PassColumns(
             feature,
@@ -163,6 +166,7 @@ def _fold(
             ended_at / 1e6,
             table["weight_for"].astype(float),
             table["weight_against"].astype(float),
+            doubtful if doubtful.any() else None,
         ),
         support(confidence),
         rules,

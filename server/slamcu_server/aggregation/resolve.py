@@ -209,7 +209,7 @@ def match_feature(
     saying which. The nearest of the same type within the gate is meant.
     """
     place = item.place
-    if place is None or not item.counts:
+    if place is None or not item.valid:
         return None
     possible = [
         feature

@@ -28,7 +28,7 @@ RECORD = np.dtype(
 )
 """One pass: 33 bytes, of which a full window of 64 takes 2 kB. Stored as PostgreSQL's int8send and float8send do it."""
 
-COUNTS, BLOCKED, FOUND = 1, 2, 4
+COUNTS, BLOCKED, FOUND, DOUBTFUL = 1, 2, 4, 8
 _BLOCKED = np.array([status is BLOCKED_STATUS for status in STATUSES])
 _FOUND = np.array([status in FOUND_STATUSES for status in STATUSES])
 
@@ -45,14 +45,14 @@ def of_columns(resolved: Resolved, chosen: NDArray[np.intp]) -> Records:
     reported = resolved.reported
     records, message = reported.records[chosen], reported.message[chosen]
     trusted = np.array([one.trusted for one in reported.envelopes], bool)[message]
-    counts = trusted & (records["flags"] & VALID > 0)
+    valid = records["flags"] & VALID > 0
     blocked, found = _BLOCKED[records["status"]], _FOUND[records["status"]]
     made = np.empty(len(chosen), RECORD)
     made["ended_at"] = records["ended_at"]
     made["contributor"] = np.array([one.account_id for one in reported.claimed], np.int64)[message]
     for name in ("weight_for", "weight_against"):
-        made[name] = np.where(counts & ~blocked, records[name], 0.0)
-    made["flags"] = COUNTS * counts | BLOCKED * blocked | FOUND * found
+        made[name] = np.where(valid & ~blocked, records[name], 0.0)
+    made["flags"] = COUNTS * (valid & trusted) | BLOCKED * blocked | FOUND * found | DOUBTFUL * ~trusted
     return made
 
 
@@ -73,5 +73,5 @@ def unpack(windows: bytes) -> Records:
 
 
 def _record(item: StoredPass) -> tuple[int, int, float, float, int]:
-    flags = COUNTS * item.counts | BLOCKED * item.blocked | FOUND * item.found
+    flags = COUNTS * item.counts | BLOCKED * item.blocked | FOUND * item.found | DOUBTFUL * (not item.trusted)
     return to_microseconds(item.ended_at), item.contributor, *item.weights, flags

@@ -23,7 +23,7 @@ from slamcu_core.aggregation import (
     fades_at,
     fold,
 )
-from slamcu_server.aggregation.evidence import covariances, frame_at, fuse_place, moment
+from slamcu_server.aggregation.evidence import covariances, frame_at, fuse_place, moment, witnesses
 from slamcu_server.aggregation.passes import StoredPass
 from slamcu_server.changes.document import evidence, timestamp
 
@@ -57,6 +57,7 @@ def explain(case: Case, salt: bytes, as_of: datetime) -> dict[str, Any]:
     now = as_of.timestamp()
     parts = [part for part in contributions([item.evidence for item in case.passes], case.policy) if part.time <= now]
     state = _fold(case, parts)
+    folds = frozenset((step.contributor, step.time) for step in state.steps)
     fades = fades_at(state, case.policy, case.side, case.policy.leave) if state.standing else None
     return {
         "as_of": timestamp(as_of),
@@ -68,7 +69,7 @@ def explain(case: Case, salt: bytes, as_of: datetime) -> dict[str, Any]:
         "contributors_against": state.contributors_against,
         "evidence_now": evidence(*decayed(state, now, case.policy)),
         "prior_weight": case.prior_weight,
-        "contributions": [_contribution(case, part, salt) for part in parts],
+        "contributions": [_contribution(case, part, salt, folds) for part in parts],
         "course": [
             {
                 "time": timestamp(moment(step.time)),
@@ -124,7 +125,7 @@ def _fold(case: Case, parts: Iterable[Contribution]) -> FoldedState:
     return fold(parts, prior_weight=case.prior_weight, policy=case.policy, side=case.side)
 
 
-def _contribution(case: Case, part: Contribution, salt: bytes) -> dict[str, Any]:
+def _contribution(case: Case, part: Contribution, salt: bytes, folds: frozenset[tuple[int, float]]) -> dict[str, Any]:
     mine = [
         item
         for item in case.passes
@@ -137,6 +138,8 @@ def _contribution(case: Case, part: Contribution, salt: bytes) -> dict[str, Any]
         "weight_against": part.weight_against,
         "informativeness": part.informativeness,
         "passes": part.passes,
+        "in_doubt": part.doubtful,
+        "folds": (part.contributor, part.time) in folds,
         **_residual(case, mine),
     }
 
@@ -146,7 +149,7 @@ def _residual(case: Case, passes: Iterable[StoredPass]) -> dict[str, Any]:
 
     The Mahalanobis distance is under the covariance of both places, and not squared: 95 % are below 2.45.
     """
-    seen = [item for item in passes if item.counts and item.found and item.place is not None]
+    seen = witnesses(item for item in passes if item.place is not None)
     if not seen:
         return {"position_residual_m": None, "position_mahalanobis": None}
     place = fuse_place(seen, case.policy)

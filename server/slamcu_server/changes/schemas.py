@@ -201,6 +201,11 @@ class Contribution(BaseModel):
     weight_against: float
     informativeness: float = Field(description="0: saw nothing; 1: leaves no doubt.")
     passes: int
+    in_doubt: bool = Field(description="Whether the vehicle said that it was not to be trusted then.")
+    folds: bool = Field(
+        description="Whether it is part of the course. What saw nothing or is older than the window is not, nor what "
+        "was said in doubt, unless `contributors_in_doubt` of the policy agreed and nobody said otherwise between."
+    )
     position_residual_m: tuple[float, float] | None = Field(description="East and north of the change's place.")
     position_mahalanobis: float | None = Field(
         description="The same in standard deviations of both places: 95 % are below 2.45."

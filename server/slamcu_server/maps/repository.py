@@ -81,7 +81,10 @@ async def list_features(
 async def list_watches(
     connection: AsyncConnection, map_id: int, *, bbox: BoundingBox | None, after: int, limit: int
 ) -> list[Row[Any]]:
-    """Return up to `limit` open candidates of a map whose ids follow `after`."""
+    """Return up to `limit` open candidates of a map whose ids follow `after`.
+
+    What has only been found in doubt, by fewer than are heard, is none that anybody should look for.
+    """
     columns = candidates.c
     query: Select[Any] = (
         select(
@@ -99,7 +102,7 @@ async def list_watches(
         )
         .outerjoin(features, features.c.id == columns.pair_feature_id)
         .where(columns.map_id == map_id, columns.id > after)
-        .where(columns.merged_into.is_(None), columns.feature_id.is_(None))
+        .where(columns.merged_into.is_(None), columns.feature_id.is_(None), columns.first_seen.is_not(None))
         .order_by(columns.id)
         .limit(limit)
     )

@@ -20,9 +20,9 @@ _LOST = text("""
 _HEIR = """
     SELECT p.id FROM passes p JOIN messages m ON m.id = p.message
     WHERE {whose} AND p.feature_id IS NULL AND p.retraction_id IS NULL AND NOT p.archived
-      AND p.trusted AND p.valid AND p.geom IS NOT NULL
+      AND p.valid AND p.geom IS NOT NULL
       AND NOT EXISTS (SELECT FROM candidates c WHERE c.founding_pass = p.id)
-    ORDER BY p.ended_at, p.contributor_id, m.session_id, m.message_id, p.index_in_message LIMIT 1"""
+    ORDER BY p.trusted DESC, p.ended_at, p.contributor_id, m.session_id, m.message_id, p.index_in_message LIMIT 1"""
 _FIND_HEIR = text(
     _HEIR.format(whose="p.candidate_id = :root AND p.watch_id IS NULL AND p.status = 'NOT_EXPECTED_AND_DETECTED'")
 )

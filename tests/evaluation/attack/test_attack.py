@@ -73,7 +73,9 @@ def test_liars_say_the_same_of_the_same_targets_and_the_truth_elsewhere(world: W
         "flooding": 48,
         "replaying": 144,
         "minting": 48,
+        "doubting": 1,
         "lost": 1,
+        "astray": 1,
     }
 
 

@@ -124,7 +124,7 @@ passes = Table(
     Column("software_version", Text, nullable=False),
     Column("fleet_id", Text, nullable=False),
     Column("valid", Boolean, nullable=False),  # False: seen, but crossed out or covered: no evidence
-    Column("trusted", Boolean, nullable=False),  # the vehicle's own health; untrusted passes are kept, not folded
+    Column("trusted", Boolean, nullable=False),  # the vehicle's own health; if not, many must agree (decision 0022)
     Column("archived", Boolean, nullable=False, server_default=text("false")),
     Column("retraction_id", BigInteger, ForeignKey("retractions.id")),  # what has taken it out: kept, not folded
     UniqueConstraint("message", "index_in_message"),
