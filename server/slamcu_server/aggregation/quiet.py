@@ -61,9 +61,7 @@ async def append(
     known_features : most of these map features; what the others are is asked for.
     """
     ids, counts = np.unique(about, return_counts=True)
-    features = await windowed_features(
-        connection, dict(zip(ids.tolist(), counts.tolist(), strict=True)), policy.version
-    )
+    features = await windowed_features(connection, dict(zip(ids.tolist(), counts.tolist(), strict=True)))
     feature_class, confidence = await _kinds(connection, features.id, known_features)
     held = _Held(
         windows.unpack(features.windows),
@@ -71,7 +69,7 @@ async def append(
         entries.take(np.argsort(about, kind="stable")),
         counts,
     )
-    left = features.said | ~features.known
+    left = features.said | ~features.known | held.of_before
     loud, quiet, packed = [features.id[left]], [np.zeros(0, _FOLDED)], list[bytes]()
     for name in np.unique(feature_class[~left]).tolist():
         chosen = np.flatnonzero(~left & (feature_class == name))
@@ -125,6 +123,12 @@ class _Held:
     known_counts: Counts  # (N,)
     added: windows.Records
     added_counts: Counts  # (N,), none is 0
+
+    @property
+    def of_before(self) -> Flags:
+        """Say of each feature (N,) whether its window is of a server before, which kept less of a pass."""
+        about = np.repeat(np.arange(len(self.known_counts)), self.known_counts)
+        return np.bincount(about[windows.of_before(self.known)], minlength=len(self.known_counts)) > 0
 
     def of(self, features: Counts) -> tuple[windows.Records, Counts]:
         """Return the records of M features, given in ascending order, and the number (of M) that each is about."""

@@ -36,14 +36,11 @@ class WindowedFeatures:
         )
 
 
-async def windowed_features(
-    connection: AsyncConnection, added: Mapping[int, int], policy_version: str
-) -> WindowedFeatures:
+async def windowed_features(connection: AsyncConnection, added: Mapping[int, int]) -> WindowedFeatures:
     """Return map features with their windows; `added` says how many passes each has got in this transaction.
 
-    A window counts if nothing has written the row since it was packed (a server before 0.3 leaves it as it was), and if
-    that was under the policy in force: servers that pack windows otherwise have another one. Where there is no row,
-    nothing was known if nothing but what was just added is stored.
+    A window counts if nothing has written the row since it was packed: a server before 0.3 leaves it as it was. Where
+    there is no row, nothing was known if nothing but what was just added is stored.
     """
     types = {"id": "bigint", "added": "integer"}
     rows = [{"id": key, "added": added[key]} for key in sorted(added)]
@@ -56,17 +53,15 @@ async def windowed_features(
                    EXISTS (SELECT FROM changes c WHERE c.feature_id = r.id)
                    OR COALESCE(s.weight_against > s.weight_for OR s.fades_at IS NOT NULL, false) AS said,
                    CASE WHEN s.feature_id IS NOT NULL THEN
-                            CASE WHEN s.window_at = s.updated_at AND s.policy_version = :policy
-                                 THEN s.passes_window END
+                            CASE WHEN s.window_at = s.updated_at THEN s.passes_window END
                         WHEN (SELECT count(*) FROM (
                             SELECT FROM passes p WHERE p.feature_id = r.id LIMIT r.added + 1) few) <= r.added
                         THEN ''::bytea END AS "window"
             FROM {unnest(types)}
             LEFT JOIN LATERAL (
-                SELECT feature_id, weight_for, weight_against, fades_at, passes_window, window_at, updated_at,
-                       policy_version
+                SELECT feature_id, weight_for, weight_against, fades_at, passes_window, window_at, updated_at
                 FROM feature_states WHERE feature_id = r.id {PROBE}) s ON true) each"""),  # noqa: S608  (constants)
-        {**arrays(types, rows), "policy": policy_version},
+        arrays(types, rows),
     )
     ids, said, known, window_bytes, windows = (column or () for column in found.one())
     return WindowedFeatures(

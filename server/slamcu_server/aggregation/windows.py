@@ -28,11 +28,12 @@ RECORD = np.dtype(
 )
 """One pass: 33 bytes, of which a full window of 64 takes 2 kB. Stored as PostgreSQL's int8send and float8send do it."""
 
-COUNTS, BLOCKED, FOUND, DOUBTFUL = 1, 2, 4, 8
+COUNTS, BLOCKED, FOUND, DOUBTFUL, CROSSED_OUT = 1, 2, 4, 8, 16
 _BLOCKED = np.array([status is BLOCKED_STATUS for status in STATUSES])
 _FOUND = np.array([status in FOUND_STATUSES for status in STATUSES])
 
 Records = NDArray[np.void]
+Flags = NDArray[np.bool_]
 
 
 def pack(passes: Iterable[StoredPass]) -> Records:
@@ -52,7 +53,8 @@ def of_columns(resolved: Resolved, chosen: NDArray[np.intp]) -> Records:
     made["contributor"] = np.array([one.account_id for one in reported.claimed], np.int64)[message]
     for name in ("weight_for", "weight_against"):
         made[name] = np.where(valid & ~blocked, records[name], 0.0)
-    made["flags"] = COUNTS * (valid & trusted) | BLOCKED * blocked | FOUND * found | DOUBTFUL * ~trusted
+    counts = COUNTS * (valid & trusted) | DOUBTFUL * ~trusted | CROSSED_OUT * ~valid
+    made["flags"] = counts | BLOCKED * blocked | FOUND * found
     return made
 
 
@@ -72,6 +74,12 @@ def unpack(windows: bytes) -> Records:
     return np.frombuffer(windows, RECORD)
 
 
+def of_before(entries: Records) -> Flags:
+    """Say of records (P,) which ones a server packed that did not know doubt: they neither count nor say why."""
+    return np.asarray(entries["flags"] & (COUNTS | DOUBTFUL | CROSSED_OUT) == 0)
+
+
 def _record(item: StoredPass) -> tuple[int, int, float, float, int]:
-    flags = COUNTS * item.counts | BLOCKED * item.blocked | FOUND * item.found | DOUBTFUL * (not item.trusted)
+    flags = COUNTS * item.counts | DOUBTFUL * (not item.trusted) | CROSSED_OUT * (not item.valid)
+    flags |= BLOCKED * item.blocked | FOUND * item.found
     return to_microseconds(item.ended_at), item.contributor, *item.weights, flags

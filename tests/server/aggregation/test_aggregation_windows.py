@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from slamcu_core.aggregation import ClassPolicy, Policy
-from slamcu_server.aggregation import batch, quiet, rebuild
+from slamcu_server.aggregation import batch, quiet, rebuild, windows
 from slamcu_server.aggregation.worker import drain
 
 pytestmark = pytest.mark.anyio
@@ -23,7 +23,7 @@ NUMBERS = "weight_for, weight_against, standing, contributors_for, contributors_
 @pytest.fixture
 async def street(engine: Any, town: Any) -> Any:
     """Ten signs, and a window so short that passes expire."""
-    made = type(town)(engine, source="street", policy=Policy(ClassPolicy(window=8)))
+    made = type(town)(engine, source="street", policy=Policy(ClassPolicy(window=8, contributors_in_doubt=2)))
     await made.import_map(SIGNS)
     return made
 
@@ -57,7 +57,7 @@ def drives(reports: Any, seed: int) -> list[tuple[str, bool, list[Any]]]:
                 passes.append((reports.blocked if draw < 0.87 else reports.missed)(sign, hours=hours))
             if rng.random() < 0.3:
                 passes.append(reports.seen(sign, hours=hours + 0.2, weight=weight))
-        made.append((f"car-{number % 7}", rng.random() > 0.1, passes))
+        made.append((f"car-{number % 7}", rng.random() > 0.2, passes))
     return made
 
 
@@ -109,6 +109,29 @@ async def test_a_window_that_others_have_overtaken_is_not_believed(street: Any, 
     await street.do("DELETE FROM passes WHERE id % 3 = 0")
     await street.do("UPDATE feature_states SET updated_at = now()")
     await send(street, messages, list(range(20, 45)))
+    await street.fuse(batch_size=4)
+    assert await rebuild.differences(street.engine, street.policy) == []
+
+
+async def test_a_window_of_a_server_that_did_not_know_doubt_is_not_believed(street: Any, reports: Any) -> None:
+    messages = drives(reports, 5)
+    await send(street, messages, list(range(30)))
+    await street.fuse()
+    before = 0
+    for row in await street.rows("SELECT feature_id, passes_window FROM feature_states"):
+        entries = windows.unpack(row.passes_window).copy()
+        silent = entries["flags"] & windows.COUNTS == 0
+        for name in ("weight_for", "weight_against"):
+            entries[name][silent] = 0.0
+        entries["flags"] &= windows.COUNTS | windows.BLOCKED | windows.FOUND
+        before += int(silent.sum())
+        await street.do(
+            "UPDATE feature_states SET passes_window = :w WHERE feature_id = :f",
+            w=windows.stored(entries),
+            f=row.feature_id,
+        )
+    assert before > 5
+    await send(street, messages, list(range(30, 45)))
     await street.fuse(batch_size=4)
     assert await rebuild.differences(street.engine, street.policy) == []
 
