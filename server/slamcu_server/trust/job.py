@@ -69,7 +69,7 @@ async def _verdicts(connection: AsyncConnection, since: datetime) -> tuple[list[
     newest = 0.0
     for about in About:
         async for things in testimonies.read(connection, about, since):
-            newest = max(newest, *(item.time for said in things for item in said))
+            newest = max([newest, *(item.time for said in things for item in said)])
             found += await asyncio.to_thread(_judge, things, about)
     return found, newest
 

@@ -16,6 +16,7 @@ from slamcu_server.aggregation.worker import drain
 from slamcu_server.changes import service
 from slamcu_server.retraction import corrections, marks, repository
 from slamcu_server.retraction.filter import EvidenceFilter
+from slamcu_server.trust.job import recompute
 
 pytestmark = pytest.mark.anyio
 
@@ -104,6 +105,14 @@ async def test_liars_gain_nothing_by_flagging_themselves(road: Any, reports: Any
     await road.fuse()
     assert await confirmed(road) == {("deleted", 2)}
     assert await rebuild.differences(road.engine, road.policy) == []
+
+
+async def test_trust_is_recomputed_where_nobody_has_spoken_but_in_doubt(road: Any, reports: Any) -> None:
+    rng = random.Random(5)
+    for number in range(4):
+        await road.report(f"car-{number}", *in_the_roadworks(reports, 2.0 * number, rng), trusted=False)
+    await road.fuse()
+    assert (await recompute(road.engine)).version in (None, 0)  # flags are not judged, and give no record
 
 
 async def retract(road: Any, car: str) -> int:
