@@ -105,7 +105,9 @@ def _columns(things: Sequence[Sequence[StoredPass]]) -> PassColumns:
         [("contributor", "i8"), ("ended_at", "f8"), ("weight_for", "f8"), ("weight_against", "f8")],
     )
     thing = np.repeat(np.arange(len(things)), [len(mine) for mine in things])
-    return PassColumns(thing, *(table[name].copy() for name in table.dtype.names or ()))
+    doubtful = np.array([not item.trusted for mine in things for item in mine], bool)
+    contributor, ended_at, weight_for, weight_against = (table[name].copy() for name in table.dtype.names or ())
+    return PassColumns(thing, contributor, ended_at, weight_for, weight_against, doubtful if doubtful.any() else None)
 
 
 def _summary(
