@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ async def put_candidate(engine: AsyncEngine, lon: float, lat: float, **columns: 
     values = {
         "map_id": 1, "feature_class": "traffic_sign", "sign": "STOP_SIGN", "cov_xx": 0.5, "cov_xy": 0.1, "cov_yy": 0.3,
         "weight_for": 1.0, "weight_against": 0.0, "standing": False, "contributors_for": 1, "contributors_against": 0,
-        "passes": 1, "policy_version": "test", **columns,
+        "passes": 1, "policy_version": "test", "first_seen": datetime(2026, 1, 1, tzinfo=UTC), **columns,
     }  # fmt: skip
     async with engine.begin() as connection:
         names = ", ".join(values)

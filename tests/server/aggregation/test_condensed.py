@@ -106,7 +106,7 @@ def test_passes_are_what_was_reported_and_are_about_what_they_name(reports: list
         elif item.reference is not None:
             about = (100 + item.reference.object_id, None, None, item.reference.object_id == 2)
         assert (stored.feature_id, stored.watch_id, stored.candidate_id, stored.archived) == about
-        assert stored == replace(as_stored(item, stored.id), key=(20 + number, "s", 1, index), map_id=7,
+        assert stored == as_stored(item, stored.id)._replace(key=(20 + number, "s", 1, index), map_id=7,
             trusted=reports[number].health.trusted, feature_id=about[0], watch_id=about[1], candidate_id=about[2],
             archived=about[3])  # fmt: skip
 
