@@ -11,6 +11,7 @@ import pytest
 from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncEngine
 
+from slamcu_server.aggregation import log as worker_log
 from slamcu_server.aggregation.log import ClaimedMessage
 from slamcu_server.ingest.message_log import LogEntry, MessageLog, Outcome, PostgresMessageLog
 
@@ -126,6 +127,19 @@ async def test_two_workers_never_hold_the_same(open_log: OpenLog, accounts: list
         first, second = await one.claim(6), await other.claim(6)
         assert [message.message_id for message in first] == [1, 2, 3, 4, 5, 6]
         assert [message.message_id for message in second] == [7, 8, 9, 10]
+
+
+async def test_a_batch_leaves_half_of_a_backlog_to_another_worker(
+    open_log: OpenLog, accounts: list[int], engine: AsyncEngine
+) -> None:
+    async def shares(*limits: int) -> list[int]:
+        async with engine.connect() as connection:
+            return [await worker_log.share(connection, limit) for limit in limits]
+
+    await append(open_log, accounts[0], *(entry(number) for number in range(1, 31)))
+    assert await shares(256, 20) == [32, 20]  # all of it
+    await append(open_log, accounts[0], *(entry(number) for number in range(31, 202)))
+    assert await shares(256, 64, 20) == [101, 64, 20]
 
 
 async def test_the_oldest_comes_first_and_with_it_what_is_from_nearby(open_log: OpenLog, accounts: list[int]) -> None:

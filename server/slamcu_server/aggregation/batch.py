@@ -34,8 +34,8 @@ from slamcu_server.trust.table import trusting
 Indices = NDArray[np.intp]
 
 _PATIENCE = 0.25
-"""How often a full batch waits for the cells of its oldest message if another one holds them: no message is put off
-for ever, and most batches wait for nothing. One that is not full has time to wait, always: or its oldest would find
+"""How often a batch waits for the cells of its oldest message if another one holds them: no message is put off for
+ever, and most batches wait for nothing. One that took all there was has time to wait, always: or its oldest would find
 another one in its way time after time, while those that came later are seen."""
 
 
@@ -70,10 +70,11 @@ async def process_batch(engine: AsyncEngine, policy: Policy, *, limit: int, ids:
         claimed: list[ClaimedMessage] = []
         try:
             async with engine.begin() as connection:
-                claimed += await log.claim(connection, limit, ids)
+                most = limit if ids is not None else await log.share(connection, limit)
+                claimed += await log.claim(connection, most, ids)
                 if not claimed:
                     return Fused()
-                patience = _PATIENCE if len(claimed) == limit else 1.0
+                patience = _PATIENCE if len(claimed) == most else 1.0
                 return await _fuse(connection, claimed, policy, further, patience=patience)
         except BeyondLockedCells as beyond:
             # another try that holds these too, from the start, so that keys stay in order

@@ -19,6 +19,9 @@ FORM = 1
 _HORIZON = 4
 """Batches' worth of the oldest messages from which one is chosen along the map."""
 
+_FEW = 32
+"""Messages that a batch takes at least, if they wait: of fewer, what a batch costs by itself would be most."""
+
 _COLUMNS = f"""id, account_id, session_id, message_id, region,
     CASE WHEN get_byte(condensed, 0) = {FORM} THEN condensed END AS condensed,
     CASE WHEN get_byte(condensed, 0) = {FORM} THEN NULL ELSE body END AS body"""
@@ -36,6 +39,18 @@ class ClaimedMessage:
     body: bytes  # nothing if it is condensed
     region: int = 0  # where it is from: `cells.region_at`
     condensed: bytes | None = None  # what it reports, read already: `condensed.read`
+
+
+async def share(connection: AsyncConnection, limit: int) -> int:
+    """Return how many messages a batch of at most `limit` takes: half of what waits, but no fewer than a few.
+
+    Another worker finds the other half elsewhere on the map, where a batch of everything would have held its cells.
+    """
+    found = await connection.execute(
+        text("SELECT count(*) FROM (SELECT FROM messages WHERE state = 'pending' LIMIT :most) AS waiting"),
+        {"most": 2 * limit},
+    )
+    return min(limit, max(_FEW, -(-int(found.scalar_one()) // 2)))
 
 
 async def claim(connection: AsyncConnection, limit: int, ids: Sequence[int] | None = None) -> list[ClaimedMessage]:
