@@ -74,6 +74,7 @@ def fleet(results: dict[str, Figures]) -> Figure | None:
             right.plot(*zip(*known, strict=True), color=colour, marker=mark, linestyle=style, label=f"{kind}, {name}")
     right.set_ylabel("%")
     right.set_ylim(0.0, 103.0)
+    driven = set(sizes)
     for name, label, colour, mark in (
         ("fleet", "each car its own errors", BLUE, "o"),
         ("fleet-common-bias", "and a range bias of 2 % in common", ORANGE, "s"),
@@ -81,15 +82,16 @@ def fleet(results: dict[str, Figures]) -> Figure | None:
         if name in results:
             cars = results[name]["vehicles"]
             x = [int(size) for size in cars]
+            driven.update(x)
             error.plot(
                 x, [c["new_position_error_m"]["mean"] for c in cars.values()], color=colour, marker=mark, label=label
             )
             error.plot(x, [c["oracle_position_error_m"] for c in cars.values()], color=colour, linestyle=":")
     error.set_ylabel("mean error of new signs, m; dotted: with true poses")
     error.set_ylim(bottom=0.0)
-    for ax in (right, error):
+    for ax, ticks in ((right, sizes), (error, sorted(driven))):
         ax.set_xscale("log")
-        ax.set_xticks(sizes, [str(size) for size in sizes])
+        ax.set_xticks(ticks, [str(size) for size in ticks])
         ax.minorticks_off()
         ax.set_xlabel("vehicles that have passed")
         ax.legend(frameon=False, fontsize=8)
