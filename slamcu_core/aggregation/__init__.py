@@ -1,22 +1,19 @@
 """The cloud's half of the evidence law as pure functions: folding contributions, positions, candidates."""
 
 from slamcu_core.aggregation.candidates import Clusters, cluster
-from slamcu_core.aggregation.columns import FoldedColumns, PassColumns, fold_columns
+from slamcu_core.aggregation.columns import FoldedColumns, fold_columns
+from slamcu_core.aggregation.contribution_columns import PassColumns
+from slamcu_core.aggregation.contributions import (
+    EPOCH_S,
+    Contribution,
+    PassEvidence,
+    contributions,
+    contributions_each,
+)
 from slamcu_core.aggregation.course import Course, Histories, discounted, fold_histories
 from slamcu_core.aggregation.decay import decayed, fades_at, fades_each, kept_at
 from slamcu_core.aggregation.groups import connected_groups
-from slamcu_core.aggregation.law import (
-    EPOCH_S,
-    Contribution,
-    FoldedState,
-    FoldStep,
-    PassEvidence,
-    Side,
-    contributions,
-    contributions_each,
-    fold,
-    fold_each,
-)
+from slamcu_core.aggregation.law import FoldedState, FoldStep, Side, fold, fold_each
 from slamcu_core.aggregation.pairing import Half, Pairing, pair
 from slamcu_core.aggregation.policy import ClassPolicy, Policy
 from slamcu_core.aggregation.position import FusedPosition, FusedPositions, fuse_positions, fuse_positions_each

@@ -12,38 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from slamcu_core.aggregation.course import Course, Histories, discounted, fold_histories
+from slamcu_core.aggregation.contribution_columns import ContributionColumns, PassColumns, contribution_columns
+from slamcu_core.aggregation.course import Course, Histories, fold_histories
 from slamcu_core.aggregation.doubt import heard
-from slamcu_core.aggregation.law import EPOCH_S, FoldedState
+from slamcu_core.aggregation.law import FoldedState
 from slamcu_core.aggregation.policy import ClassPolicy
 from slamcu_core.aggregation.trust import Trusts
-from slamcu_core.errors import EvidenceError
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-
-@dataclass(frozen=True, slots=True)
-class PassColumns:
-    """P passes over N features of one class."""
-
-    feature: Indices  # (P,), from 0 to N - 1
-    contributor: NDArray[np.int64]  # (P,)
-    ended_at: Array  # (P,), s of POSIX time
-    weight_for: Array  # (P,), f >= 0
-    weight_against: Array  # (P,), a >= 0
-    doubtful: NDArray[np.bool_] | None = None  # (P,), whether the filter was not to be trusted; None: nobody's was
-
-    def take(self, chosen: Indices) -> PassColumns:
-        """Return some of the passes, given by their numbers."""
-        return PassColumns(
-            self.feature[chosen],
-            self.contributor[chosen],
-            self.ended_at[chosen],
-            self.weight_for[chosen],
-            self.weight_against[chosen],
-            None if self.doubtful is None else self.doubtful[chosen],
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,31 +59,6 @@ class FoldedColumns:
         return [FoldedState(*row) for row in rows]
 
 
-@dataclass(frozen=True, slots=True)
-class _Contributions:
-    """The contributions of all features, in order of feature, time, then contributor."""
-
-    feature: Indices
-    contributor: NDArray[np.int64]
-    time: Array
-    weight_for: Array  # discounted
-    weight_against: Array
-    informativeness: Array
-    doubtful: NDArray[np.bool_] | None
-
-    def take(self, chosen: Indices) -> _Contributions:
-        """Return some of them."""
-        return _Contributions(
-            self.feature[chosen],
-            self.contributor[chosen],
-            self.time[chosen],
-            self.weight_for[chosen],
-            self.weight_against[chosen],
-            self.informativeness[chosen],
-            None if self.doubtful is None else self.doubtful[chosen],
-        )
-
-
 def fold_columns(
     passes: PassColumns,
     prior_weight: ArrayLike,
@@ -126,8 +78,7 @@ def fold_columns(
     Raises EvidenceError where a weight or a prior is negative or not finite, or a trust out of its range.
     """
     priors = np.atleast_1d(np.asarray(prior_weight, float))
-    _check(passes, trust)
-    window = _newest_informative(_contributions(passes, policy, trust), len(priors), policy)
+    window = _newest_informative(contribution_columns(passes, policy, trust), len(priors), policy)
     newest = _heard(window, policy)
     counts = np.bincount(newest.feature, minlength=len(priors))
     step = np.arange(len(newest.feature)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -194,25 +145,7 @@ def _times(seconds: Array) -> list[float | None]:
     return [each if each == each else None for each in seconds.tolist()]  # noqa: PLR0124  (NaN)
 
 
-def _contributions(passes: PassColumns, policy: ClassPolicy, trust: ArrayLike | None) -> _Contributions:
-    """Sum the passes of each feature, contributor and epoch, and discount each sum once."""
-    if trust is None and policy.trusts is not None:
-        trust = policy.trust * policy.trusts.shares(passes.contributor)
-    alpha = np.broadcast_to(np.asarray(policy.trust if trust is None else trust, float), passes.feature.shape)
-    if not _in_order(passes):
-        order = np.lexsort((passes.contributor, passes.ended_at, passes.feature))
-        passes, alpha = passes.take(order), alpha[order]
-    summed, last = _summed(passes if passes.doubtful is None else _without_doubt(passes, passes.doubtful))
-    return _Contributions(
-        summed.feature,
-        summed.contributor,
-        summed.ended_at,
-        *discounted(summed.weight_for, summed.weight_against, alpha if last is None else alpha[last], policy),
-        summed.doubtful,
-    )
-
-
-def _heard(items: _Contributions, policy: ClassPolicy) -> _Contributions:
+def _heard(items: ContributionColumns, policy: ClassPolicy) -> ContributionColumns:
     if items.doubtful is None:
         return items
     return items.take(
@@ -230,71 +163,9 @@ def _heard(items: _Contributions, policy: ClassPolicy) -> _Contributions:
     )
 
 
-def _proven(items: _Contributions, trusts: Trusts) -> NDArray[np.bool_]:
+def _proven(items: ContributionColumns, trusts: Trusts) -> NDArray[np.bool_]:
     proven = trusts.records(items.contributor, items.time)
     return proven if items.doubtful is None else proven & ~items.doubtful
-
-
-def _without_doubt(passes: PassColumns, doubtful: NDArray[np.bool_]) -> PassColumns:
-    """Take the weights from what was said in doubt by who said something without it in the same epoch.
-
-    What says nothing is not in doubt afterwards, and all of one contributor and epoch that speaks is, or nothing.
-    """
-    speaks = (passes.weight_for > 0.0) | (passes.weight_against > 0.0)
-    doubtful = doubtful & speaks
-    epoch = np.floor(passes.ended_at / EPOCH_S).astype(np.int64)
-    # in order of feature and time, so those of one epoch stand together: few have anything in doubt
-    block = np.cumsum((np.diff(passes.feature, prepend=-1) != 0) | (np.diff(epoch, prepend=0) != 0))
-    few = np.flatnonzero(np.bincount(block, doubtful)[block] > 0)
-    _, group = np.unique(np.stack([block[few], passes.contributor[few]]), axis=1, return_inverse=True)
-    without = np.bincount(group.ravel(), (speaks & ~doubtful)[few]) > 0
-    silent = np.zeros(len(doubtful), bool)
-    silent[few] = doubtful[few] & without[group.ravel()]
-    return PassColumns(
-        passes.feature,
-        passes.contributor,
-        passes.ended_at,
-        np.where(silent, 0.0, passes.weight_for),
-        np.where(silent, 0.0, passes.weight_against),
-        doubtful & ~silent,
-    )
-
-
-def _in_order(passes: PassColumns) -> bool:
-    """Say whether passes come in order of feature, time, then contributor."""
-    feature, time, contributor = (np.diff(each) for each in (passes.feature, passes.ended_at, passes.contributor))
-    wrong = (feature < 0) | ((feature == 0) & ((time < 0.0) | ((time == 0.0) & (contributor < 0))))
-    return not wrong.any()
-
-
-def _summed(passes: PassColumns) -> tuple[PassColumns, Indices | None]:
-    """Sum what each contributor said of a feature within an epoch; its time is that of the latest pass.
-
-    Both are in order of feature, time, then contributor. So what may be one contribution stands together, and is
-    little. The second is which passes were the latest; None if all were.
-    """
-    epoch = np.floor(passes.ended_at / EPOCH_S)
-    follows = (np.diff(passes.feature) == 0) & (np.diff(epoch) == 0)
-    if not follows.any():
-        return passes, None
-    crowded = np.append(follows, False) | np.append(False, follows)
-    mine = np.flatnonzero(crowded)
-    mine = mine[np.lexsort((passes.ended_at[mine], passes.contributor[mine], epoch[mine], passes.feature[mine]))]
-    group = passes.take(mine)
-    other = (np.diff(group.feature) != 0) | (np.diff(epoch[mine]) != 0) | (np.diff(group.contributor) != 0)
-    begins = np.flatnonzero(np.append(True, other))
-    last = mine[np.append(begins[1:], len(mine)) - 1]
-    weight_for, weight_against = passes.weight_for.copy(), passes.weight_against.copy()
-    weight_for[last] = np.add.reduceat(group.weight_for, begins)
-    weight_against[last] = np.add.reduceat(group.weight_against, begins)
-    doubtful = passes.doubtful
-    if doubtful is not None and group.doubtful is not None:
-        doubtful = doubtful.copy()
-        doubtful[last] = np.logical_or.reduceat(group.doubtful, begins)
-    kept = ~crowded
-    kept[last] = True
-    table = PassColumns(passes.feature, passes.contributor, passes.ended_at, weight_for, weight_against, doubtful)
-    return table.take(np.flatnonzero(kept)), np.flatnonzero(kept)
 
 
 def _codes(feature: Indices, contributor: NDArray[np.int64]) -> Indices:
@@ -315,7 +186,7 @@ def _codes(feature: Indices, contributor: NDArray[np.int64]) -> Indices:
     return codes
 
 
-def _newest_informative(items: _Contributions, features: int, policy: ClassPolicy) -> _Contributions:
+def _newest_informative(items: ContributionColumns, features: int, policy: ClassPolicy) -> ContributionColumns:
     """Return of each feature the newest K that saw something, in the same order."""
     informative = np.flatnonzero(
         (items.informativeness > 0.0) & (items.informativeness >= policy.minimum_informativeness)
@@ -324,15 +195,3 @@ def _newest_informative(items: _Contributions, features: int, policy: ClassPolic
     left = np.repeat(np.cumsum(counts), counts) - np.arange(informative.size)  # from here to the feature's last: 1
     order = informative[left <= policy.window]
     return items.take(order)
-
-
-def _check(passes: PassColumns, trust: ArrayLike | None) -> None:
-    for name, weights in (("for", passes.weight_for), ("against", passes.weight_against)):
-        bad = ~(np.isfinite(weights) & (weights >= 0.0))
-        if bad.any():
-            raise EvidenceError(f"weights of evidence must be finite and at least 0, not {weights[bad][0]} {name}")
-    if not np.isfinite(passes.ended_at).all():
-        raise EvidenceError("the end of a pass must be a finite time")
-    alpha = np.asarray(0.0 if trust is None else trust, float)
-    if not ((alpha >= 0.0) & (alpha < 1.0)).all():
-        raise EvidenceError("the trust of every contributor must lie in [0, 1)")

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from slamcu_core.aggregation.law import EPOCH_S
+from slamcu_core.aggregation.contributions import EPOCH_S
 
 VOICES = 8
 """Other contributors nearest in time that are heard, before and after each."""
