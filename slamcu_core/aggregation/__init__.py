@@ -8,12 +8,11 @@ from slamcu_core.aggregation.contributions import (
     Contribution,
     PassEvidence,
     contributions,
-    contributions_each,
 )
 from slamcu_core.aggregation.course import Course, Histories, discounted, fold_histories
 from slamcu_core.aggregation.decay import decayed, fades_at, fades_each, kept_at
 from slamcu_core.aggregation.groups import connected_groups
-from slamcu_core.aggregation.law import FoldedState, FoldStep, Side, fold, fold_each
+from slamcu_core.aggregation.law import FoldedState, FoldStep, Side, fold
 from slamcu_core.aggregation.pairing import Half, Pairing, pair
 from slamcu_core.aggregation.policy import ClassPolicy, Policy
 from slamcu_core.aggregation.position import FusedPosition, FusedPositions, fuse_positions, fuse_positions_each
@@ -56,14 +55,12 @@ __all__ = [
     "cluster",
     "connected_groups",
     "contributions",
-    "contributions_each",
     "decayed",
     "discounted",
     "fades_at",
     "fades_each",
     "fold",
     "fold_columns",
-    "fold_each",
     "fold_histories",
     "fuse_positions",
     "fuse_positions_each",

@@ -1,7 +1,7 @@
 """The law over columns: the passes of many features as arrays in, what each feature amounts to as arrays out.
 
 What `contributions` and `fold` make of lists, without an object for each pass: a server folds thousands of features in
-one go. The numbers come from the same `discounted` and `fold_histories`.
+one go. The numbers come from the same `discounted`, `heard`, `fold_histories` and `turns`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamcu_core.aggregation.contribution_columns import ContributionColumns, PassColumns, contribution_columns
-from slamcu_core.aggregation.course import Course, Histories, fold_histories
+from slamcu_core.aggregation.course import Histories, fold_histories, moments, turns
 from slamcu_core.aggregation.doubt import heard
 from slamcu_core.aggregation.law import FoldedState
 from slamcu_core.aggregation.policy import ClassPolicy
@@ -46,14 +46,14 @@ class FoldedColumns:
             self.weight_against.tolist(),
             self.contributors_for.tolist(),
             self.contributors_against.tolist(),
-            _times(self.last_informative),
+            moments(self.last_informative),
             self.standing.tolist(),
-            _times(self.stood_since),
+            moments(self.stood_since),
             [()] * len(self.folded),
             self.folded.tolist(),
-            _times(self.oldest),
-            _times(self.turned_after),
-            _times(self.turned_at),
+            moments(self.oldest),
+            moments(self.turned_after),
+            moments(self.turned_at),
             strict=True,
         )
         return [FoldedState(*row) for row in rows]
@@ -103,7 +103,7 @@ def fold_columns(
     oldest = np.full(len(priors), np.nan)
     oldest[window.feature[::-1]] = window.time[::-1]
     folds = shape[0] > 0
-    stood_since, turned_after, turned_at = _turns(course, histories, table(newest.time), counts)
+    stood_since, turned_after, turned_at = turns(course, histories, table(newest.time), counts)
     return FoldedColumns(
         weight_for=course.weight_for[-1] if folds else priors.copy(),
         weight_against=course.weight_against[-1] if folds else np.zeros(len(priors)),
@@ -117,32 +117,6 @@ def fold_columns(
         turned_after=turned_after,
         turned_at=turned_at,
     )
-
-
-def _turns(course: Course, histories: Histories, times: Array, counts: Indices) -> tuple[Array, Array, Array]:
-    """Return since when each of N features stands, and between which contributions what A > F says came about."""
-    since, after, at = (np.full(len(counts), np.nan) for _ in range(3))
-    if not len(times):
-        return since, after, at
-    step = np.arange(len(times))[:, None]
-
-    def begin(breaks: NDArray[np.bool_], end: Indices) -> Indices:
-        """Return the step after the last before `end` at which something breaks."""
-        return np.asarray(np.where(breaks & (step < end), step + 1, 0).max(axis=0, initial=0), np.intp)
-
-    stands = np.flatnonzero(course.standing[-1])
-    since[stands] = times[begin(~course.standing[:, stands], counts[stands]), stands]
-    gone = np.flatnonzero(course.weight_against[-1] > course.weight_for[-1])
-    run = begin(course.weight_against[:, gone] <= course.weight_for[:, gone], counts[gone])
-    first = begin(histories.weight_for[:, gone] > histories.weight_against[:, gone], run)
-    at[gone] = times[first, gone]
-    denied = gone[first > 0]
-    after[denied] = times[first[first > 0] - 1, denied]
-    return since, after, at
-
-
-def _times(seconds: Array) -> list[float | None]:
-    return [each if each == each else None for each in seconds.tolist()]  # noqa: PLR0124  (NaN)
 
 
 def _heard(items: ContributionColumns, policy: ClassPolicy) -> ContributionColumns:

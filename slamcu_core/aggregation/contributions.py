@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,34 +65,22 @@ def contributions(
 
     Raises EvidenceError where a weight is negative or not finite, or a trust out of its range.
     """
-    return contributions_each([passes], policy, trust)[0]
-
-
-def contributions_each(
-    features: Iterable[Iterable[PassEvidence]], policy: ClassPolicy, trust: Callable[[int], float] | None = None
-) -> list[list[Contribution]]:
-    """Return for each of many features of one class what `contributions` makes of its passes, at once."""
-    bounds, ordered, members = [0], list[tuple[float, int, int]](), list[list[PassEvidence]]()
-    for passes in features:
-        groups = _by_contributor_and_epoch(passes)
-        mine = sorted((max(p.ended_at for p in group), *key) for key, group in groups.items())
-        ordered += mine
-        members += [groups[contributor, epoch] for _, contributor, epoch in mine]
-        bounds.append(len(ordered))
+    groups = _by_contributor_and_epoch(passes)
+    ordered = sorted((max(p.ended_at for p in group), *key) for key, group in groups.items())
+    members = [groups[contributor, epoch] for _, contributor, epoch in ordered]
     spoken = [group if _in_doubt(group) else [p for p in group if not p.doubtful] for group in members]
-    f, a, informativeness = discounted(
+    numbers = discounted(
         [math.fsum(p.weight_for for p in group) for group in spoken],
         [math.fsum(p.weight_against for p in group) for group in spoken],
         _trust([contributor for _, contributor, _ in ordered], policy, trust),
         policy,
     )
-    flat = [
-        Contribution(contributor, epoch, time, *numbers, passes=len(group), doubtful=_in_doubt(group))
-        for (time, contributor, epoch), numbers, group in zip(
-            ordered, zip(f.tolist(), a.tolist(), informativeness.tolist(), strict=True), members, strict=True
+    return [
+        Contribution(contributor, epoch, time, f, a, w, passes=len(group), doubtful=_in_doubt(group))
+        for (time, contributor, epoch), f, a, w, group in zip(
+            ordered, *(each.tolist() for each in numbers), members, strict=True
         )
     ]
-    return [flat[begin:end] for begin, end in pairwise(bounds)]
 
 
 def _in_doubt(group: Sequence[PassEvidence]) -> bool:

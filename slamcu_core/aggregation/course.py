@@ -100,6 +100,42 @@ def fold_histories(histories: Histories, prior_weight: ArrayLike, policy: ClassP
     return Course(course_for, course_against, standing, *counted)
 
 
+def turns(course: Course, histories: Histories, times: Array, counts: Indices) -> tuple[Array, Array, Array]:
+    """Return since when each of N features stands, and between which contributions what A > F says came about.
+
+    The last that denied it, and the first that said it after that; s of POSIX time, (N,) each. NaN where it does not
+    stand, where nothing in the histories denied it, and for both where F >= A at the end.
+
+    Parameters
+    ----------
+    times : (K, N), s of POSIX time of the contributions.
+    counts : (N,), how many of the steps are contributions.
+    """
+    since, after, at = (np.full(len(counts), np.nan) for _ in range(3))
+    if not len(times):
+        return since, after, at
+    step = np.arange(len(times))[:, None]
+
+    def begin(breaks: Flags, end: Indices) -> Indices:
+        """Return the step after the last before `end` at which something breaks."""
+        return np.asarray(np.where(breaks & (step < end), step + 1, 0).max(axis=0, initial=0), np.intp)
+
+    stands = np.flatnonzero(course.standing[-1])
+    since[stands] = times[begin(~course.standing[:, stands], counts[stands]), stands]
+    gone = np.flatnonzero(course.weight_against[-1] > course.weight_for[-1])
+    run = begin(course.weight_against[:, gone] <= course.weight_for[:, gone], counts[gone])
+    first = begin(histories.weight_for[:, gone] > histories.weight_against[:, gone], run)
+    at[gone] = times[first, gone]
+    denied = gone[first > 0]
+    after[denied] = times[first[first > 0] - 1, denied]
+    return since, after, at
+
+
+def moments(seconds: Array) -> list[float | None]:
+    """Return times (N,) in s one by one, None for NaN."""
+    return [each if each == each else None for each in seconds.tolist()]  # noqa: PLR0124  (NaN)
+
+
 def _summed(kept: Array, said: Array, begin: Array) -> Array:
     """Return (K, N), what a weight that begins at (N,) is after each step: X ← γ^w X + x."""
     course = np.empty(said.shape)

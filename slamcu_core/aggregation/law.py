@@ -6,13 +6,14 @@ Everything here is a pure function of a set: the order of arrival, batching and 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
+from itertools import compress
 
 import numpy as np
 
 from slamcu_core.aggregation.contributions import Contribution
-from slamcu_core.aggregation.course import Course, Histories, fold_histories
+from slamcu_core.aggregation.course import Histories, fold_histories, moments, turns
 from slamcu_core.aggregation.doubt import heard
 from slamcu_core.aggregation.policy import ClassPolicy
 from slamcu_core.errors import EvidenceError
@@ -71,127 +72,61 @@ def fold(contributions: Iterable[Contribution], *, prior_weight: float, policy: 
 
     Raises EvidenceError if the prior is out of range or a contributor has two contributions in one epoch.
     """
-    (state,) = fold_each([contributions], prior_weights=[prior_weight], policy=policy, side=side, with_steps=True)
-    return state
-
-
-def fold_each(
-    features: Iterable[Iterable[Contribution]],
-    *,
-    prior_weights: Iterable[float],
-    policy: ClassPolicy,
-    side: Side,
-    with_steps: bool = False,
-) -> list[FoldedState]:
-    """Fold the contributions of many features of one class at once: what `fold` says of each, in less time.
-
-    Parameters
-    ----------
-    features : the contributions of each.
-    prior_weights : one for each feature.
-    with_steps : whether the states tell their course; otherwise their `steps` are empty.
-    """
-    newest = [_newest_informative(each, policy) for each in features]
-    priors = np.array(list(prior_weights), float)
-    if len(priors) != len(newest):
-        raise EvidenceError(f"{len(newest)} features need as many priors, not {len(priors)}")
-    folding = _heard(newest, policy)
-    course = fold_histories(_histories(folding, policy), priors, policy, deleted=side is Side.DELETED)
-    return [
-        replace(
-            _state(items, course, feature, prior, with_steps=with_steps),
-            folded=len(window),
-            oldest=window[0].time if window else None,
-        )
-        for feature, (items, window, prior) in enumerate(zip(folding, newest, priors.tolist(), strict=True))
-    ]
-
-
-def _heard(newest: Sequence[Sequence[Contribution]], policy: ClassPolicy) -> list[Sequence[Contribution]]:
-    """Return of each feature's newest contributions those that fold."""
-    doubted = [number for number, items in enumerate(newest) if any(item.doubtful for item in items)]
-    folding = list(newest)
-    if not doubted:
-        return folding
-    flat = [item for number in doubted for item in newest[number]]
-    told = iter(
-        heard(
-            np.repeat(np.arange(len(doubted)), [len(newest[number]) for number in doubted]),
-            np.array([item.contributor for item in flat], np.int64),
-            weight_for=np.array([item.weight_for for item in flat]),
-            weight_against=np.array([item.weight_against for item in flat]),
-            informativeness=np.array([item.informativeness for item in flat]),
-            doubtful=np.array([item.doubtful for item in flat]),
-            policy=policy,
-        ).tolist()
+    window = _newest_informative(contributions, policy)
+    items = _heard(window, policy)
+    histories = _histories(items, policy)
+    course = fold_histories(histories, [prior_weight], policy, deleted=side is Side.DELETED)
+    times = np.array([item.time for item in items], float).reshape(-1, 1)
+    since, turned_after, turned_at = (
+        moments(each)[0] for each in turns(course, histories, times, np.array([len(items)]))
     )
-    for number in doubted:
-        folding[number] = [item for item in newest[number] if next(told)]
-    return folding
-
-
-def _histories(newest: Sequence[Sequence[Contribution]], policy: ClassPolicy) -> Histories:
-    """Return the contributions of N features as arrays of as many steps as the longest has."""
-    shape = max(map(len, newest), default=0), len(newest)
-    f, a, w = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    who = np.zeros(shape, np.intp)
-    proven = np.zeros(shape, bool)
-    for feature, items in enumerate(newest):
-        codes: dict[int, int] = {}
-        for step, item in enumerate(items):
-            f[step, feature], a[step, feature] = item.weight_for, item.weight_against
-            w[step, feature] = item.informativeness
-            who[step, feature] = codes.setdefault(item.contributor, len(codes))
-        if policy.trusts is not None:
-            proven[: len(items), feature] = policy.trusts.records(
-                [item.contributor for item in items], [item.time for item in items]
-            ) & ~np.array([item.doubtful for item in items], bool)  # whoever doubts speaks without a record
-    return Histories(f, a, w, who, None if policy.trusts is None else proven)
-
-
-def _state(
-    items: Sequence[Contribution], course: Course, feature: int, prior: float, *, with_steps: bool
-) -> FoldedState:
-    if not items:
-        return FoldedState(prior, 0.0, 0, 0, None, standing=False, stood_since=None, steps=())
-    last = len(items) - 1
-    F, A = course.weight_for[: last + 1, feature].tolist(), course.weight_against[: last + 1, feature].tolist()
-    standing = course.standing[: last + 1, feature].tolist()
-    since = None
-    if standing[last]:
-        begin = last
-        while begin > 0 and standing[begin - 1]:
-            begin -= 1
-        since = items[begin].time
-    turned_after, turned_at = _turn(items, F, A)
-    steps = zip(items, F, A, standing, strict=True) if with_steps else ()
+    told = (each[:, 0].tolist() for each in (course.weight_for, course.weight_against, course.standing))
+    steps = tuple(FoldStep(item.time, item.contributor, *step) for item, *step in zip(items, *told, strict=True))
     return FoldedState(
-        weight_for=F[last],
-        weight_against=A[last],
-        contributors_for=int(course.contributors_for[feature]),
-        contributors_against=int(course.contributors_against[feature]),
-        last_informative=items[last].time,
+        weight_for=steps[-1].weight_for if steps else float(prior_weight),
+        weight_against=steps[-1].weight_against if steps else 0.0,
+        contributors_for=int(course.contributors_for[0]),
+        contributors_against=int(course.contributors_against[0]),
+        last_informative=steps[-1].time if steps else None,
         standing=since is not None,
         stood_since=since,
-        steps=tuple(FoldStep(item.time, item.contributor, f, a, stands) for item, f, a, stands in steps),
+        steps=steps,
+        folded=len(window),
+        oldest=window[0].time if window else None,
         turned_after=turned_after,
         turned_at=turned_at,
     )
 
 
-def _turn(items: Sequence[Contribution], F: Sequence[float], A: Sequence[float]) -> tuple[float | None, float | None]:
-    """Return between which contributions what A > F says came about: the last that denied it, and the one after.
+def _heard(window: Sequence[Contribution], policy: ClassPolicy) -> list[Contribution]:
+    """Return those of the newest contributions that fold."""
+    folds = heard(
+        np.zeros(len(window), np.intp),
+        np.array([item.contributor for item in window], np.int64),
+        weight_for=np.array([item.weight_for for item in window]),
+        weight_against=np.array([item.weight_against for item in window]),
+        informativeness=np.array([item.informativeness for item in window]),
+        doubtful=np.array([item.doubtful for item in window], bool),
+        policy=policy,
+    )
+    return list(compress(window, folds.tolist()))
 
-    (None, None) if F >= A now; (None, time) if nothing in the window denied it.
-    """
-    step = len(items)
-    while step > 0 and A[step - 1] > F[step - 1]:
-        step -= 1
-    if step == len(items):
-        return None, None
-    while step > 0 and items[step - 1].weight_for <= items[step - 1].weight_against:
-        step -= 1
-    return (items[step - 1].time if step else None), items[step].time
+
+def _histories(items: Sequence[Contribution], policy: ClassPolicy) -> Histories:
+    """Return the contributions of one feature as arrays, (K, 1)."""
+    codes: dict[int, int] = {}
+    proven = None
+    if policy.trusts is not None:
+        records = policy.trusts.records([item.contributor for item in items], [item.time for item in items])
+        # whoever doubts speaks without a record
+        proven = (records & ~np.array([item.doubtful for item in items], bool)).reshape(-1, 1)
+    return Histories(
+        np.array([item.weight_for for item in items], float).reshape(-1, 1),
+        np.array([item.weight_against for item in items], float).reshape(-1, 1),
+        np.array([item.informativeness for item in items], float).reshape(-1, 1),
+        np.array([codes.setdefault(item.contributor, len(codes)) for item in items], np.intp).reshape(-1, 1),
+        proven,
+    )
 
 
 def _newest_informative(contributions: Iterable[Contribution], policy: ClassPolicy) -> list[Contribution]:

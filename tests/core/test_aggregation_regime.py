@@ -18,13 +18,13 @@ from slamcu_core.aggregation import (
     PassEvidence,
     Side,
     contributions,
-    contributions_each,
     discounted,
     fold,
-    fold_each,
+    fold_columns,
     fold_histories,
 )
 from slamcu_core.evidence import support
+from tests.core.test_aggregation_columns import columns
 
 POLICY = ClassPolicy()
 PRIOR = float(support(0.95))
@@ -84,14 +84,29 @@ def test_many_features_side_by_side_fold_as_each_does_alone() -> None:
         )
     priors = rng.uniform(0.0, 4.0, len(features)).tolist()
     for side in Side:
-        parts = contributions_each(features, POLICY)
-        assert parts == [contributions(passes, POLICY) for passes in features]
-        together = fold_each(parts, prior_weights=priors, policy=POLICY, side=side, with_steps=True)
-        alone = [
-            fold(mine, prior_weight=prior, policy=POLICY, side=side) for mine, prior in zip(parts, priors, strict=True)
-        ]
-        assert together == alone
+        deleted = side is Side.DELETED
+        together = fold_columns(columns(features), priors, POLICY, deleted=deleted).states()
+        for state, passes, prior in zip(together, features, priors, strict=True):
+            assert [state] == fold_columns(columns([passes]), [prior], POLICY, deleted=deleted).states()
+            alone = fold(contributions(passes, POLICY), prior_weight=prior, policy=POLICY, side=side)
+            assert state == dataclasses.replace(alone, steps=())
         assert {state.standing for state in together} == {True, False}
+
+
+def test_every_step_of_a_feature_is_the_same_whatever_it_is_folded_with() -> None:
+    rng = np.random.default_rng(14)
+    missed = rng.random((70, 60)) < np.linspace(0.05, 0.9, 60)
+    f, a = np.where(missed, 0.1, 1.0), np.where(missed, 1.0, 0.1)
+    said = discounted(f * rng.uniform(0.0, 5.0, f.shape), a * rng.uniform(0.0, 5.0, a.shape), POLICY.trust, POLICY)
+    who, priors = rng.integers(0, 9, f.shape), rng.uniform(0.0, 4.0, f.shape[1])
+    for deleted in (False, True):
+        together = fold_histories(Histories(*said, who), priors, POLICY, deleted=deleted)
+        for number, prior in enumerate(priors):
+            mine = Histories(*(each[:, [number]] for each in said), who[:, [number]])
+            alone = fold_histories(mine, prior, POLICY, deleted=deleted)
+            for name in ("weight_for", "weight_against", "standing"):
+                assert (getattr(together, name)[:, number] == getattr(alone, name)[:, 0]).all()
+        assert 0.0 < together.standing.mean() < 1.0
 
 
 def test_few_false_deletions_while_the_map_is_fresh() -> None:
