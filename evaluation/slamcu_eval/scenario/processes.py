@@ -61,8 +61,7 @@ class ProcessSystem:
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             self._logs.mkdir(parents=True, exist_ok=True)
-            # /tmp, because the path of a socket may not be long
-            home = tempfile.TemporaryDirectory(prefix="slamcu-", dir="/tmp", ignore_cleanup_errors=True)
+            home = tempfile.TemporaryDirectory(prefix="slamcu-", ignore_cleanup_errors=True)
             self.home = Path(stack.enter_context(home))
             self.home.chmod(0o711)  # PostgreSQL does not run as root, and must be able to get to its directory
             stack.callback(self._leave_database)
