@@ -1,6 +1,6 @@
 """The cloud's half of the evidence law as pure functions: folding contributions, positions, candidates."""
 
-from slamcu_core.aggregation.candidates import Clusters, cluster
+from slamcu_core.aggregation.candidates import Clusters, Passes, cluster
 from slamcu_core.aggregation.columns import FoldedColumns, fold_columns
 from slamcu_core.aggregation.contribution_columns import PassColumns
 from slamcu_core.aggregation.contributions import (
@@ -46,6 +46,7 @@ __all__ = [
     "Pairing",
     "PassColumns",
     "PassEvidence",
+    "Passes",
     "Policy",
     "Side",
     "Tally",

@@ -1,4 +1,7 @@
-"""Merging finds of one class bottom up, the likeliest pair first, under the constraints that a camera gives."""
+"""Merging finds of one class bottom up, the likeliest pair first, under the constraints that a camera gives.
+
+Many connected groups at once: each merges its own likeliest pair in every step, as long as it has one.
+"""
 
 from __future__ import annotations
 
@@ -8,25 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slamcu_core.aggregation.finds import Batch, Codes, Find, Flags, Group, batches, inverse, sums_over, times
 from slamcu_core.aggregation.policy import ClassPolicy
 
 Array = NDArray[np.float64]
-Names = tuple[str | None, str | None]  # sign and value, None where nobody could tell
 
-_SAME_PLACE_M = 1e-3
-_ROWS_AT_ONCE = 64  # of costs: each has a covariance for every other cluster
+_PAIRS_AT_ONCE = 1 << 16  # of costs: each has a covariance
 _SWEEPS = 8  # of moving single finds; two or three settle nearly every group
-
-
-@dataclass(frozen=True, slots=True)
-class Find:
-    """What one pass found, as far as identity goes."""
-
-    session: int  # a code: equal for passes of one session
-    start: float  # s
-    end: float  # s
-    sign: str | None
-    value: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,56 +31,34 @@ class Part:
     value: str | None
 
 
-@dataclass(frozen=True, slots=True)
-class _Group:
-    """The finds of one connected group as arrays."""
-
-    xy: Array  # (N, 2), m
-    covariance: Array  # (N, 2, 2), m²
-    information: Array  # (N, 2, 2), its inverse
-    vector: Array  # (N, 2), information times place
-    finds: Sequence[Find]
-    together: NDArray[np.bool_]  # (N, N), seen together: different objects
-    policy: ClassPolicy
-
-
-def agglomerate(xy: Array, covariance: Array, finds: Sequence[Find], policy: ClassPolicy) -> list[Part]:
-    """Partition the finds of one class and one connected group, given in canonical order.
+def agglomerate(groups: Sequence[Group], policy: ClassPolicy) -> list[list[Part]]:
+    """Partition the finds of each of many connected groups of one class.
 
     The pair of clusters with the smallest d² + ln det S merges next as long as its Mahalanobis distance d² passes the
     gate; ln det S lets precise pairs go first, so that a vague find joins a cluster that stands instead of bridging
     two. Then single finds move to where they fit better, which frees those that an early merge of two neighbours
-    locked in (`_moved`), and what has become mergeable merges. Costs O(N²) memory.
-
-    Parameters
-    ----------
-    xy : (N, 2) m.
-    covariance : (N, 2, 2) m².
+    locked in (`_moved`), and what has become mergeable merges. Costs O(N²) memory for a group of N.
 
     Returns
     -------
-    Clusters in order of their first members.
+    Clusters of each group, in order of their first members.
     """
-    if len(finds) == 1:  # as many are
-        return [Part((0,), xy[0], covariance[0], finds[0].sign, finds[0].value)]
-    information = np.asarray(np.linalg.inv(covariance), float)
-    vector = np.einsum("nij,nj->ni", information, xy)
-    group = _Group(xy, covariance, information, vector, finds, _seen_together(xy, finds), policy)
-    members = [[index] for index in range(len(finds))]
-    for _ in range(_SWEEPS):
-        merged = _Merging(members, group).run()
-        members = _moved(merged, group)
-        if members == merged:
-            break
-    return [_part(each, group) for each in members]
+    made = [
+        [Part((0,), group.xy[0], group.covariance[0], group.finds[0].sign, group.finds[0].value)]
+        for group in groups  # as many are
+    ]
+    for numbers in batches(groups):
+        batch = Batch.of([groups[number] for number in numbers], policy)
+        for number, parts in zip(numbers, _parts(_partition(batch), batch), strict=True):
+            made[number] = parts
+    return made
 
 
-def pair_costs(difference: Array, covariance: Array, policy: ClassPolicy) -> Array:
-    """Return d² + ln det S of differences (..., 2) with S (..., 2, 2); infinite outside the gate or match radius."""
-    s = covariance
-    determinant = s[..., 0, 0] * s[..., 1, 1] - s[..., 0, 1] * s[..., 1, 0]
-    x, y = difference[..., 0], difference[..., 1]
-    squared = (s[..., 1, 1] * x * x - 2.0 * s[..., 0, 1] * x * y + s[..., 0, 0] * y * y) / determinant
+def pair_costs(x: Array, y: Array, covariance: Array, policy: ClassPolicy) -> Array:
+    """Return d² + ln det S of differences x and y with S (3, ...); infinite outside the gate or match radius."""
+    sxx, sxy, syy = covariance
+    determinant = sxx * syy - sxy * sxy
+    squared = (syy * x * x - 2.0 * sxy * x * y + sxx * y * y) / determinant
     inside = (squared <= policy.gate) & (x * x + y * y <= policy.match_radius_m**2)
     return np.asarray(np.where(inside, squared + np.log(determinant), np.inf))
 
@@ -99,152 +68,204 @@ def compatible(one: str | None, other: str | None) -> bool:
     return one is None or other is None or one == other
 
 
+def _partition(batch: Batch) -> Codes:
+    """Return the cluster of each find, (G, N): the index of its first member; -1 for padding."""
+    label = np.where(batch.present, np.arange(batch.present.shape[1]), -1)
+    active = np.arange(len(label))
+    for _ in range(_SWEEPS):
+        merged = _Merging(label[active], active, batch).run()
+        moved = label[active] = _moved(merged, active, batch)
+        active = active[(moved != merged).any(axis=1)]
+        if not len(active):
+            break
+    return label
+
+
+def _parts(label: Codes, batch: Batch) -> list[list[Part]]:
+    slots = label.shape[1]
+    vector, information, count = _sums(label, np.arange(len(label)), batch, slots)
+    places, spreads = _summary(information, vector, count)
+    made = []
+    for group, labels in enumerate(label.tolist()):
+        members: dict[int, list[int]] = {}
+        for find, slot in enumerate(labels):
+            if slot >= 0:
+                members.setdefault(slot, []).append(find)
+        parts = []
+        for slot, mine in members.items():
+            sxx, sxy, syy = spreads[:, group, slot]
+            said = batch.names[:, group, mine]
+            sign, value = (batch.texts[next((code for code in row if code), 0)] for row in said.tolist())
+            parts.append(Part(tuple(mine), places[:, group, slot], np.array([[sxx, sxy], [sxy, syy]]), sign, value))
+        made.append(parts)
+    return made
+
+
+def _sums(label: Codes, groups: Codes, batch: Batch, slots: int) -> tuple[Array, Array, Array]:
+    """Return the summed vectors (2, G, S) and information (3, G, S) of clusters, and how many finds each has (G, S)."""
+    values = np.concatenate([batch.vector[:, groups], batch.information[:, groups], batch.present[None, groups]])
+    made = sums_over(label, values, slots)
+    return made[:2], made[2:5], made[5]
+
+
 def _summary(information: Array, vector: Array, count: Array) -> tuple[Array, Array]:
-    """Return the places (..., 2) of clusters with summed information and their covariances for association.
+    """Return the places (2, ...) of clusters with summed information and their covariances (3, ...) for association.
 
     That covariance is the mean of the place's own and of a typical member's. The place's own alone would shrink with
-    every member until two halves of one cloud, chosen because they are near each other, no longer looked alike.
+    every member until two halves of one cloud, chosen because they are near each other, no longer looked alike. Where
+    there is no cluster any place will do.
     """
-    inverse = np.linalg.inv(information)
-    return np.einsum("...ij,...j->...i", inverse, vector), 0.5 * (1.0 + count[..., None, None]) * inverse
+    none = count <= 0.0
+    own = inverse(np.where(none, np.array([1.0, 0.0, 1.0]).reshape(3, *(1 for _ in count.shape)), information))
+    return np.stack(times(own, vector)), 0.5 * (1.0 + count) * own
 
 
-def _part(members: Sequence[int], group: _Group) -> Part:
-    chosen = list(members)
-    information, vector = group.information[chosen].sum(axis=0), group.vector[chosen].sum(axis=0)
-    place, spread = _summary(information, vector, np.asarray(len(chosen), float))
-    return Part(tuple(chosen), place, spread, *_names(chosen, group.finds))
-
-
-def _names(members: Sequence[int], finds: Sequence[Find]) -> Names:
-    names: Names = (None, None)
-    for index in members:
-        names = _joint(names, (finds[index].sign, finds[index].value))
-    return names
-
-
-def _joint(one: Names, other: Names) -> Names:
-    """Return what compatible names say together: the sign and value that either knows."""
-    return one[0] if one[0] is not None else other[0], one[1] if one[1] is not None else other[1]
+def _agree(one: Codes, other: Codes) -> Flags:
+    """Whether names (2, ...) can be of one object."""
+    return np.asarray(((one == 0) | (other == 0) | (one == other)).all(axis=0))
 
 
 class _Merging:
-    """Clusters while they merge: a slot for each, of which the lower one survives a merge."""
+    """The clusters of A groups while they merge: a slot for each, of which the lower one survives a merge."""
 
-    def __init__(self, members: Sequence[Sequence[int]], group: _Group) -> None:
-        self._policy = group.policy
-        self._members = [list(each) for each in members]
-        self._count = np.array([len(each) for each in members], float)
-        self._information = np.array([group.information[each].sum(axis=0) for each in self._members])
-        self._vector = np.array([group.vector[each].sum(axis=0) for each in self._members])
-        self._names = [_names(each, group.finds) for each in self._members]
-        belongs = np.zeros((len(self._members), len(group.finds)))
-        for slot, each in enumerate(self._members):
-            belongs[slot, each] = 1.0
-        self._apart = belongs @ group.together @ belongs.T > 0.0
-        self._alive = np.ones(len(members), bool)
+    def __init__(self, label: Codes, groups: Codes, batch: Batch) -> None:
+        self._policy, self._label = batch.policy, label.copy()
+        rows, slots = label.shape
+        self._alive = label == np.arange(slots)
+        self._vector, self._information, self._count = _sums(label, groups, batch, slots)
+        self._names = np.zeros((2, rows, slots), np.intp)
+        self._apart = np.zeros((rows, slots, slots), bool)
+        for find in range(slots - 1, -1, -1):  # the first that could tell names the cluster
+            said = batch.names[:, groups, find]
+            at = np.arange(rows), label[:, find]
+            self._names[:, *at] = np.where(said > 0, said, self._names[:, *at])
+        if (self._alive | (label < 0)).all():
+            self._apart |= batch.together[groups]
+        elif batch.together.any():
+            belongs = (label[:, None] == np.arange(slots)[:, None]).astype(float)
+            self._apart |= belongs @ batch.together[groups].astype(float) @ belongs.transpose(0, 2, 1) > 0.0
+        self._names_differ = bool((self._names.max(axis=2) != _least_named(self._names)).any())
         self._places, self._spreads = _summary(self._information, self._vector, self._count)
-        pieces = range(0, len(members), _ROWS_AT_ONCE)
-        self._costs = np.concatenate([self._rows(np.arange(len(members))[at : at + _ROWS_AT_ONCE]) for at in pieces])
-        self._nearest = self._costs.argmin(axis=1)
+        step = max(1, _PAIRS_AT_ONCE // (rows * slots))
+        pieces = [np.arange(slots)[at : at + step] for at in range(0, slots, step)]
+        self._costs = np.concatenate([self._rows(np.arange(rows), each) for each in pieces], axis=1)
+        self._nearest = self._costs.argmin(axis=2)
 
-    def run(self) -> list[list[int]]:
-        """Merge until no pair is left, and return the members of each cluster, in order of their first."""
-        slots = np.arange(len(self._members))
+    def run(self) -> Codes:
+        """Merge until no group has a pair left, and return the cluster of each find."""
+        rows = np.arange(len(self._label))
         while True:
-            best = self._costs[slots, self._nearest]
-            row = int(np.argmin(best))
-            if not np.isfinite(best[row]):
-                return [each for each, alive in zip(self._members, self._alive.tolist(), strict=True) if alive]
-            self._merge(*sorted((row, int(self._nearest[row]))))
+            best = np.take_along_axis(self._costs, self._nearest[:, :, None], axis=2)[:, :, 0]
+            slot = best.argmin(axis=1)
+            going = np.isfinite(best[rows, slot])
+            if not going.any():
+                return self._label
+            at, one = rows[going], slot[going]
+            other = self._nearest[at, one]
+            self._merge(at, np.minimum(one, other), np.maximum(one, other))
 
-    def _merge(self, slot: int, gone: int) -> None:
-        self._members[slot] = sorted(self._members[slot] + self._members[gone])
-        for sums in (self._count, self._information, self._vector):
-            sums[slot] += sums[gone]
-        self._places[slot], self._spreads[slot] = _summary(
-            self._information[slot], self._vector[slot], self._count[slot]
+    def _merge(self, at: Codes, slot: Codes, gone: Codes) -> None:
+        """Merge one slot of each of some groups into another one of it."""
+        for sums in (self._vector, self._information, self._count[None]):
+            sums[:, at, slot] += sums[:, at, gone]
+        self._places[:, at, slot], self._spreads[:, at, slot] = _summary(
+            self._information[:, at, slot], self._vector[:, at, slot], self._count[at, slot]
         )
-        self._names[slot] = _joint(self._names[slot], self._names[gone])
-        self._apart[slot] |= self._apart[gone]
-        self._apart[:, slot] |= self._apart[:, gone]
-        self._alive[gone] = False
-        self._costs[gone] = self._costs[:, gone] = np.inf
-        self._costs[slot] = self._costs[:, slot] = self._rows(np.array([slot]))[0]
+        names = self._names[:, at, slot]
+        self._names[:, at, slot] = np.where(names > 0, names, self._names[:, at, gone])
+        self._apart[at, slot] |= self._apart[at, gone]
+        self._apart[at, :, slot] |= self._apart[at, :, gone]
+        self._alive[at, gone] = False
+        labels = self._label[at]
+        self._label[at] = np.where(labels == gone[:, None], slot[:, None], labels)
+        self._costs[at, gone] = self._costs[at, :, gone] = np.inf
+        costs = self._rows(at, slot[:, None])[:, 0]
+        self._costs[at, slot] = self._costs[at, :, slot] = costs
 
         # only rows whose nearest has changed need a new search
-        stale = (self._nearest == slot) | (self._nearest == gone)
-        stale[slot] = True
-        self._nearest[stale] = self._costs[stale].argmin(axis=1)
-        best = self._costs[np.arange(len(self._nearest)), self._nearest]
-        closer = self._costs[:, slot] < best
-        closer |= (self._costs[:, slot] == best) & (slot < self._nearest)
-        self._nearest[closer] = slot
+        nearest = self._nearest[at]
+        stale = (nearest == slot[:, None]) | (nearest == gone[:, None])
+        stale[np.arange(len(at)), slot] = True
+        group, row = np.nonzero(stale)
+        nearest[group, row] = self._costs[at[group], row].argmin(axis=1)
+        best = self._costs[at[:, None], np.arange(nearest.shape[1]), nearest]
+        closer = (costs < best) | ((costs == best) & (slot[:, None] < nearest))
+        self._nearest[at] = np.where(closer, slot[:, None], nearest)
 
-    def _rows(self, slots: NDArray[np.intp]) -> Array:
-        """Return what merging R slots with each other one costs, (R, C); infinite where it is not allowed."""
-        costs = pair_costs(
-            self._places - self._places[slots, None], self._spreads + self._spreads[slots, None], self._policy
-        )
-        costs[~self._alive | self._apart[slots]] = np.inf
-        costs[np.arange(len(slots)), slots] = np.inf
-        if len(set(self._names)) > 1:
-            for row, other in np.argwhere(np.isfinite(costs)).tolist():
-                if not all(map(compatible, self._names[slots[row]], self._names[other])):
-                    costs[row, other] = np.inf
+    def _rows(self, at: Codes, slots: Codes) -> Array:
+        """Return what merging slots (R,), or (A, R), with each other one costs, (A, R, C); infinite where forbidden."""
+        chosen = np.broadcast_to(slots, (len(at), slots.shape[-1]))
+        of = at[:, None], chosen
+        x, y = self._places[:, at, None] - self._places[:, *of, None]
+        costs = pair_costs(x, y, self._spreads[:, at, None] + self._spreads[:, *of, None], self._policy)
+        barred = ~self._alive[at, None] | ~self._alive[*of, None] | self._apart[of]
+        barred |= chosen[:, :, None] == np.arange(self._label.shape[1])
+        if self._names_differ:
+            barred |= ~_agree(self._names[:, at, None], self._names[:, *of, None])
+        costs[barred] = np.inf
         return costs
 
 
-def _moved(members: Sequence[Sequence[int]], group: _Group) -> list[list[int]]:
-    """Move every find to the cluster that it fits best, all at once, and return the members of each cluster.
+def _least_named(names: Codes) -> Codes:
+    """Return the least code (2, G) above 0 in each group, 0 where there is none."""
+    least = np.where(names > 0, names, np.iinfo(np.intp).max).min(axis=2)
+    return np.where(names.max(axis=2) > 0, least, 0)
+
+
+def _moved(label: Codes, groups: Codes, batch: Batch) -> Codes:
+    """Move every find to the cluster that it fits best, all at once, and return the cluster of each.
 
     Clusters are judged without the find itself, and as a mixture: one with n members is n times as likely. Within a
     session the best fit chooses first, and finds seen together never choose the same. A find that fits nowhere stays
     alone.
     """
-    label = np.empty(len(group.finds), np.intp)
-    for number, each in enumerate(members):
-        label[each] = number
-    mine = label[:, None] == np.arange(len(members))
-    information = np.einsum("nc,nij->cij", mine, group.information)
-    vector = np.einsum("nc,ni->ci", mine, group.vector)
-    count = mine.sum(axis=0) - mine.astype(float)
-    alone = count == 0
-    others = information - mine[..., None, None] * group.information[:, None]
-    others[alone] = np.eye(2)  # nothing is left: any invertible matrix will do, the cost is infinite
-    places, spreads = _summary(others, vector - mine[..., None] * group.vector[:, None], count)
-    costs = pair_costs(places - group.xy[:, None], spreads + group.covariance[:, None], group.policy)
-    costs = np.where(alone, np.inf, costs - 2.0 * np.log(np.maximum(count, 1.0)))
-    names = [_names(each, group.finds) for each in members]
+    alive = label == np.arange(label.shape[1])
+    rank = np.cumsum(alive, axis=1) - 1
+    clusters = int(alive.sum(axis=1).max())
+    present = batch.present[groups]
+    number = np.where(present, np.take_along_axis(rank, np.maximum(label, 0), axis=1), -1)  # (A, N)
+    vector, information, count = _sums(number, groups, batch, clusters)
+    mine = number[:, :, None] == np.arange(clusters)  # (A, N, C)
+    others = count[:, None] - mine
+    places, spreads = _summary(
+        information[:, :, None] - mine * batch.information[:, groups, :, None],
+        vector[:, :, None] - mine * batch.vector[:, groups, :, None],
+        others,
+    )
+    x, y = places - batch.xy[:, groups, :, None]
+    costs = pair_costs(x, y, spreads + batch.covariance[:, groups, :, None], batch.policy)
+    fits = np.isfinite(costs) & (others > 0.0) & present[:, :, None]
+    costs = np.where(fits, costs - 2.0 * np.log(np.maximum(others, 1.0)), np.inf)
+    moved = label.copy()
+    # where all fit the only cluster there is, nothing moves
+    for at in np.flatnonzero((rank[:, -1] > 0) | (present & ~fits[:, :, 0]).any(axis=1)).tolist():
+        group = groups[at]
+        moved[at] = _chosen(costs[at], number[at], batch.names[:, group], batch.together[group])
+    return moved
 
-    chosen: list[list[int]] = [[] for _ in members]
-    waiting = np.ones(len(group.finds), bool)
+
+def _chosen(costs: Array, number: Codes, names: Codes, together: Flags) -> Codes:
+    """Let the finds of one group choose by their costs (N, C), the best fit first, and return the cluster of each."""
+    said = [
+        [next((code for code in row if code), 0) for row in names[:, number == cluster].tolist()]
+        for cluster in range(costs.shape[1])
+    ]
+    chosen: list[list[int]] = [[] for _ in said]
+    waiting = number >= 0
     rows, columns = np.nonzero(np.isfinite(costs))
     for pair in np.lexsort((columns, rows, costs[rows, columns])).tolist():
-        find, number = int(rows[pair]), int(columns[pair])
-        if not waiting[find] or group.together[find, chosen[number]].any():
+        find, cluster = int(rows[pair]), int(columns[pair])
+        if not waiting[find] or together[find, chosen[cluster]].any():
             continue
-        name = group.finds[find].sign, group.finds[find].value
-        if all(map(compatible, name, names[number])):
-            names[number] = _joint(names[number], name)
-            chosen[number].append(find)
+        name = names[:, find].tolist()
+        if all(not one or not other or one == other for one, other in zip(name, said[cluster], strict=True)):
+            said[cluster] = [one or other for one, other in zip(said[cluster], name, strict=True)]
+            chosen[cluster].append(find)
             waiting[find] = False
-    lonely = [[find] for find in np.flatnonzero(waiting).tolist()]
-    return sorted(sorted(each) for each in (*chosen, *lonely) if each)
+    label = np.where(waiting, np.arange(len(number)), -1)
+    for each in chosen:
+        label[each] = min(each, default=-1)
+    return label
 
 
-def _seen_together(xy: Array, finds: Sequence[Find]) -> NDArray[np.bool_]:
-    """Return (N, N), which finds one session had in view at the same time: different objects.
-
-    The same times at the same place are one find told twice; else a message sent again under new ids would be as many
-    objects as it has copies.
-    """
-    session = np.array([find.session for find in finds])
-    start, end = np.array([find.start for find in finds]), np.array([find.end for find in finds])
-    together = np.asarray(session[:, None] == session, bool)
-    together &= (start[:, None] <= end) & (start <= end[:, None])
-    told_twice = (start[:, None] == start) & (end[:, None] == end)
-    told_twice &= (np.abs(xy[:, None] - xy) <= _SAME_PLACE_M).all(axis=2)
-    together &= ~told_twice
-    np.fill_diagonal(together, val=False)
-    return together
+__all__ = ["Find", "Group", "Part", "agglomerate", "compatible", "pair_costs"]

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamcu_core.aggregation import ClassPolicy, Clusters, Policy, cluster, connected_groups
+from slamcu_core.aggregation import ClassPolicy, Clusters, Passes, Policy, cluster, connected_groups
 from slamcu_core.errors import EvidenceError
 
 POLICY = Policy()
@@ -39,17 +39,21 @@ class Pass:
 
 
 def _cluster(passes: list[Pass], policy: Policy = POLICY) -> Clusters:
-    return cluster(
-        [(p.x, p.y) for p in passes],
-        [p.std**2 * np.eye(2) for p in passes],
-        [1 if p.seen else -1 for p in passes],
+    [clusters] = cluster([_passes(passes)], policy)
+    return clusters
+
+
+def _passes(passes: list[Pass]) -> Passes:
+    return Passes(
+        xy=[(p.x, p.y) for p in passes],
+        covariance=[p.std**2 * np.eye(2) for p in passes],
+        evidence_sign=[1 if p.seen else -1 for p in passes],
         group_key=[p.feature_class for p in passes],
         sign=[p.sign for p in passes],
         value=[p.value for p in passes],
         observer=[(p.contributor, p.session) for p in passes],
         interval=[(p.start, p.start + 4.0) for p in passes],
         order_key=[p.identity for p in passes],
-        policy=policy,
         doubtful=[p.doubtful for p in passes],
     )
 
@@ -298,38 +302,15 @@ def test_repeated_identities_and_useless_places_are_refused() -> None:
     with pytest.raises(EvidenceError, match="positive definite"):
         _cluster([Pass(0.0, std=0.0)])
     with pytest.raises(EvidenceError, match="one entry for each pass"):
-        cluster(
-            np.zeros((2, 2)),
-            np.tile(np.eye(2), (2, 1, 1)),
-            [1, 1],
-            group_key=["pole"],
-            sign=[None],
-            value=[None],
-            observer=[(1, "a")],
-            interval=[(0.0, 1.0)],
-            order_key=[(0,)],
-            policy=POLICY,
-        )
+        cluster([dataclasses.replace(_passes([Pass(0.0), Pass(1.0, index=1)]), sign=[None])], POLICY)
 
 
 def test_a_find_that_one_session_tells_again_and_again_is_one_object() -> None:
     """A message sent again under new ids must not found a candidate for each copy."""
 
     def clusters(places: list[tuple[float, float]]) -> int:
-        count = len(places)
-        found = cluster(
-            xy=places,
-            covariance=[0.25 * np.eye(2)] * count,
-            evidence_sign=[1] * count,
-            group_key=["traffic_sign"] * count,
-            sign=["STOP_SIGN"] * count,
-            value=[None] * count,
-            observer=[(1, "session")] * count,
-            interval=[(0.0, 3.0)] * count,
-            order_key=[(number,) for number in range(count)],
-            policy=Policy(),
-        )
-        return len(found.founders)
+        passes = [Pass(x, y, sign="STOP_SIGN", index=number) for number, (x, y) in enumerate(places)]
+        return len(_cluster(passes).founders)
 
     assert clusters([(0.0, 0.0)] * 9) == 1
     assert clusters([(0.5 * number, 0.0) for number in range(3)]) == 3
@@ -369,3 +350,12 @@ def test_finds_in_doubt_that_nobody_else_has_made_are_a_candidate_of_their_own()
     joined = _cluster(there + lost + sure)
     assert joined.labels[:3].tolist() == [joined.labels[4]] * 3
     assert joined.founders[joined.labels[4]] == 4, "who was sure has founded it"
+
+
+@given(told=st.lists(st.lists(_TOLD, max_size=9), max_size=6))
+def test_groups_are_partitioned_side_by_side_as_each_would_be_alone(told: list[list[Pass]]) -> None:
+    groups = [[dataclasses.replace(item, index=number) for number, item in enumerate(each)] for each in told]
+    together = cluster([_passes(group) for group in groups], POLICY)
+    assert [_partition(group, one) for group, one in zip(groups, together, strict=True)] == [
+        _partition(group, _cluster(group)) for group in groups
+    ]

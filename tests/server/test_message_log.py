@@ -152,6 +152,25 @@ async def test_the_oldest_comes_first_and_with_it_what_is_from_nearby(open_log: 
     assert [message.message_id for message in await _claimed(open_log, 7)] == [1, 5, 6, 2, 4, 3, 7]
 
 
+async def test_regions_where_others_are_at_work_are_left_to_them(
+    open_log: OpenLog, accounts: list[int], engine: AsyncEngine
+) -> None:
+    """Their cells are taken: a batch that claims from there finds little that it can fuse."""
+    for number, region in enumerate((5, 5, 9, 5, 7, 5), 1):
+        await append(open_log, accounts[0], LogEntry("s", number, b"x", region))
+    async with open_log() as one:
+        assert [message.message_id for message in await one.claim(1)] == [1]
+        assert [message.message_id for message in await _claimed(open_log, 6)] == [3, 5]
+        async with engine.connect() as waited:  # for the oldest's cells
+            again = await worker_log.claim(waited, 6, beside_others=True)
+        assert [message.message_id for message in again] == [2, 5, 3]
+        async with open_log() as other:
+            assert [message.message_id for message in await other.claim(2)] == [3, 5]
+            # nothing waits elsewhere
+            assert [message.message_id for message in await _claimed(open_log, 6)] == [2, 4, 6]
+    assert [message.message_id for message in await _claimed(open_log, 6)] == [1, 2, 4, 6, 5, 3]
+
+
 async def test_nobody_waits_for_his_region_longer_than_a_few_batches(open_log: OpenLog, accounts: list[int]) -> None:
     """The oldest is followed by its own region; those of another one are not put off for what came long after them."""
     regions = [9, *(1 for _ in range(8)), *(9 for _ in range(20))]

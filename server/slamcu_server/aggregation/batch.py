@@ -65,20 +65,23 @@ async def process_batch(engine: AsyncEngine, policy: Policy, *, limit: int, ids:
 
     Raises BatchError, with the messages it is about, for whatever went wrong after they were claimed.
     """
-    further: frozenset[Cell] | None = None  # None: nothing is waited for
+    awaited: frozenset[Cell] = frozenset()
     while True:
         claimed: list[ClaimedMessage] = []
         try:
             async with engine.begin() as connection:
+                retractions = await marks.hold(connection)
+                if awaited:
+                    await lock_cells(connection, awaited)
                 most = limit if ids is not None else await log.share(connection, limit)
-                claimed += await log.claim(connection, most, ids)
+                claimed += await log.claim(connection, most, ids, beside_others=bool(awaited))
                 if not claimed:
                     return Fused()
                 patience = _PATIENCE if len(claimed) == most else 1.0
-                return await _fuse(connection, claimed, policy, further, patience=patience)
+                return await _fuse(connection, claimed, policy, awaited, patience=patience, retractions=retractions)
         except BeyondLockedCells as beyond:
-            # another try that holds these too, from the start, so that keys stay in order
-            further = beyond.cells | (further or frozenset())
+            # Another try that waits for these first, holding nothing that anybody else could wait for.
+            awaited |= beyond.cells
         except Exception as error:
             if not claimed:
                 raise
@@ -96,11 +99,11 @@ async def _fuse(
     connection: AsyncConnection,
     claimed: Sequence[ClaimedMessage],
     policy: Policy,
-    further: frozenset[Cell] | None,
+    awaited: frozenset[Cell],
     *,
     patience: float,
+    retractions: bool,
 ) -> Fused:
-    retractions = await marks.hold(connection)
     policy = await trusting(connection, policy)
     reported, reasons = await asyncio.to_thread(read, claimed)
     known = await lookups(connection, reported)
@@ -108,7 +111,7 @@ async def _fuse(
     reasons |= unresolvable
     entries: list[feed.Entry] = []
     if resolved.messages:
-        resolved, cells = await _hold(connection, resolved, further, policy, patience=patience)
+        resolved, cells = await _hold(connection, resolved, awaited, policy, patience=patience)
         # What candidates are may have changed meanwhile: another batch can have merged them, a review accepted them.
         again = await lookups_again(connection, known)
         if again is not known:
@@ -128,25 +131,27 @@ async def _fuse(
 
 
 async def _hold(
-    connection: AsyncConnection, resolved: Resolved, further: frozenset[Cell] | None, policy: Policy, *, patience: float
+    connection: AsyncConnection, resolved: Resolved, awaited: frozenset[Cell], policy: Policy, *, patience: float
 ) -> tuple[Resolved, frozenset[Cell]]:
     """Return the messages to fuse now, and their cells, which are held.
 
-    Where nothing is waited for, messages that another batch is in the way of stay in the log: there is other work.
-    Raises BeyondLockedCells, to wait for them, if there is not, and so often (`patience`) if the oldest is among them.
+    Nothing is waited for: messages that another batch is in the way of stay in the log, for there is other work.
+    Raises BeyondLockedCells, to wait for the oldest's, if there is not, and so often (`patience`) if the oldest is
+    among them; or if one message takes more cells than the budget.
     """
-    taken, cells = within_budget(resolved, policy.lock_reach_m, CELL_BUDGET, further or frozenset())
-    if further is not None or len(cells) > CELL_BUDGET:
-        await lock_cells(connection, cells)
+    taken, cells = within_budget(resolved, policy.lock_reach_m, CELL_BUDGET, awaited)
+    if len(cells) > CELL_BUDGET:
+        if not cells <= awaited:
+            raise BeyondLockedCells(cells)
         return taken, cells
-    held = await try_cells(connection, cells)
+    held = awaited | await try_cells(connection, cells - awaited)
     if held == cells:
         return taken, cells
     message, keys = taken.keys(policy.lock_reach_m)
     free = np.ones(taken.messages, bool)
     free[message[~np.isin(keys, [cell.key for cell in held])]] = False
     if not free.any() or (not free[0] and random.random() < patience):  # noqa: S311  (no secret)
-        raise BeyondLockedCells(frozenset())
+        raise BeyondLockedCells(frozenset(map(Cell.of_key, np.unique(keys[message == 0]).tolist())))
     return taken.only(free), held
 
 

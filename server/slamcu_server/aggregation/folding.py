@@ -54,12 +54,7 @@ class Partition:
 
 def partition(passes: Iterable[StoredPass], founded: Mapping[int, int], policy: Policy) -> Partition:
     """Split passes into candidates; `founded` gives the ids that are bound to founding passes."""
-    memberships: list[Membership] = []
-    alone: list[StoredPass] = []
-    for group in group_by_reach(passes, policy.reach_m):
-        mine, none = assign(group, founded, policy)
-        memberships += mine
-        alone += none
+    memberships, alone = assign(group_by_reach(passes, policy.reach_m), founded, policy)
     return Partition(tuple(memberships), tuple(alone))
 
 

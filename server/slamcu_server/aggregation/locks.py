@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_server.aggregation.cells import Cell, lock_keys, map_key
 from slamcu_server.database.statements import text
+
+_REGIONS = 1 << 30  # the key of region 0; those of maps and cells begin at 2³¹
 
 CELL_BUDGET = 1000
 """Cells that one transaction locks one by one; PostgreSQL's table of locks holds 6,400 by default, for everybody."""
@@ -49,6 +53,30 @@ async def try_cells(connection: AsyncConnection, cells: frozenset[Cell]) -> froz
         {"keys": lock_keys(cells)},
     )
     return frozenset(Cell.of_key(row.key) for row in found)
+
+
+async def announce(connection: AsyncConnection, regions: Iterable[int]) -> None:
+    """Tell the others until the transaction ends in which regions (`cells.region_at`) it is at work.
+
+    Nobody waits for that: it is told by shared locks before the cells are known, and cells are what is really held.
+    """
+    await connection.execute(
+        text("SELECT pg_advisory_xact_lock_shared(key) FROM unnest(CAST(:keys AS bigint[])) AS key"),
+        {"keys": sorted(_REGIONS + region for region in regions)},
+    )
+
+
+async def announced(connection: AsyncConnection) -> list[int]:
+    """Return the regions in which others are at work."""
+    found = await connection.execute(
+        text("""
+        SELECT DISTINCT objid::bigint - :first AS region FROM pg_locks
+        WHERE locktype = 'advisory' AND objsubid = 1 AND classid = 0 AND objid::bigint >= :first
+          AND pid <> pg_backend_pid()
+          AND database = (SELECT oid FROM pg_database WHERE datname = current_database())"""),
+        {"first": _REGIONS},
+    )
+    return [row.region for row in found]
 
 
 async def lock_maps(connection: AsyncConnection) -> None:

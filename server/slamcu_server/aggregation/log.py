@@ -8,6 +8,7 @@ from datetime import timedelta
 
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from slamcu_server.aggregation.locks import announce, announced
 from slamcu_server.database.statements import text
 
 CHANNEL = "slamcu_messages"
@@ -53,23 +54,37 @@ async def share(connection: AsyncConnection, limit: int) -> int:
     return min(limit, max(_FEW, -(-int(found.scalar_one()) // 2)))
 
 
-async def claim(connection: AsyncConnection, limit: int, ids: Sequence[int] | None = None) -> list[ClaimedMessage]:
-    """Lock up to `limit` pending messages (of `ids`, if given) that no other worker holds.
+async def claim(
+    connection: AsyncConnection, limit: int, ids: Sequence[int] | None = None, *, beside_others: bool = False
+) -> list[ClaimedMessage]:
+    """Lock up to `limit` pending messages (of `ids`, if given) that no other worker holds, and announce where they are.
 
     The oldest comes first, and with it those from the regions that follow its own: a batch of one part of the map
     touches few features and cells, and two workers with long backlogs keep out of each other's way. Only the oldest
     _HORIZON batches are chosen from, so that nobody waits for his region longer than these take.
+
+    Regions that others have announced are left to them, if anything waits elsewhere: their cells are taken. The oldest
+    of all comes first all the same with `beside_others`.
     """
     if ids is not None:
         return await _claim(connection, "AND id = ANY(CAST(:ids AS bigint[])) ORDER BY id", limit, ids=list(ids))
-    oldest = await _claim(connection, "ORDER BY id", 1)
-    if not oldest or limit == 1:
-        return oldest
-    near = """AND id = ANY(ARRAY(
-            SELECT id FROM messages WHERE state = 'pending' AND id > :oldest ORDER BY id LIMIT :among))
-        ORDER BY region < :region, abs(region - :region), id"""
-    among = _HORIZON * limit
-    found = await _claim(connection, near, limit - 1, oldest=oldest[0].id, region=oldest[0].region, among=among)
+    busy = await announced(connection)
+    where, given = "AND region <> ALL(CAST(:busy AS bigint[]))" if busy else "", {"busy": busy} if busy else {}
+    oldest: list[ClaimedMessage] = []
+    if not beside_others:
+        oldest = await _claim(connection, f"{where} ORDER BY id", 1, **given)
+    if not oldest:
+        oldest = await _claim(connection, "ORDER BY id", 1)
+        if not beside_others:
+            where, given = "", {}
+    found: list[ClaimedMessage] = []
+    if oldest and limit > 1:
+        near = f"""AND id = ANY(ARRAY(
+                SELECT id FROM messages WHERE state = 'pending' AND id > :oldest {where} ORDER BY id LIMIT :among))
+            ORDER BY region < :region, abs(region - :region), id"""  # noqa: S608  (constants)
+        parameters = {"oldest": oldest[0].id, "region": oldest[0].region, "among": _HORIZON * limit}
+        found = await _claim(connection, near, limit - 1, **parameters, **given)
+    await announce(connection, {message.region for message in (*oldest, *found)})
     return [*oldest, *found]
 
 

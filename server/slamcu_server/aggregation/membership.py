@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from slamcu_core.aggregation import Policy, cluster, connected_groups
+from slamcu_core.aggregation import Passes, Policy, cluster, connected_groups
 from slamcu_core.geometry import LocalFrame
 from slamcu_server.aggregation.cells import Cell, keys_within
 from slamcu_server.aggregation.evidence import covariances, frame_at
@@ -58,26 +58,44 @@ def group_by_reach(passes: Iterable[StoredPass], reach_m: float) -> list[list[St
 
 
 def assign(
-    group: Sequence[StoredPass], founded: Mapping[int, int], policy: Policy
+    groups: Sequence[Sequence[StoredPass]], founded: Mapping[int, int], policy: Policy
 ) -> tuple[list[Membership], list[StoredPass]]:
-    """Cluster one connected group and say which candidate each cluster is.
+    """Cluster connected groups and say which candidate each cluster is.
 
     Parameters
     ----------
-    group : passes of one map that cluster, in canonical order.
+    groups : each of one map, of passes that cluster, in canonical order.
     founded : ids of candidates by the id of their founding pass.
 
     Returns
     -------
-    The clusters in the order of their founders, and the misses that are near none.
+    The clusters, group by group in the order of their founders, and the misses that are near none.
     """
-    if len(group) == 1:  # as most are
-        (item,) = group
-        candidate_id = founded.get(item.id)
-        return ([Membership(candidate_id, item, (item,), ())], []) if item.found else ([], [item])
+    memberships: list[Membership] = []
+    alone: list[StoredPass] = []
+    several = iter(cluster([_passes(group) for group in groups if len(group) > 1], policy))
+    for group in groups:
+        if len(group) == 1:  # as many are
+            (item,) = group
+            if item.found:
+                memberships.append(Membership(founded.get(item.id), item, (item,), ()))
+            else:
+                alone.append(item)
+            continue
+        clusters = next(several)
+        members: list[list[StoredPass]] = [[] for _ in clusters.founders]
+        for item, label in zip(group, clusters.labels.tolist(), strict=True):
+            (members[label] if label >= 0 else alone).append(item)
+        for founder, mine in zip(clusters.founders.tolist(), members, strict=True):
+            ids = sorted(founded[item.id] for item in mine if item.id in founded)
+            memberships.append(Membership(ids[0] if ids else None, group[founder], tuple(mine), tuple(ids[1:])))
+    return memberships, alone
+
+
+def _passes(group: Sequence[StoredPass]) -> Passes:
     places = [_place(item) for item in group]
     frame = frame_at(places[0][0], places[0][1])
-    clusters = cluster(
+    return Passes(
         xy=frame.to_local([p[0] for p in places], [p[1] for p in places]),
         covariance=covariances([p[2] for p in places]),
         evidence_sign=[1 if item.found else -1 for item in group],
@@ -88,17 +106,7 @@ def assign(
         observer=[item.key[:2] for item in group],
         interval=[(item.started_at.timestamp(), item.ended_at.timestamp()) for item in group],
         order_key=[item.order for item in group],
-        policy=policy,
     )
-    members: list[list[StoredPass]] = [[] for _ in clusters.founders]
-    alone: list[StoredPass] = []
-    for item, label in zip(group, clusters.labels.tolist(), strict=True):
-        (members[label] if label >= 0 else alone).append(item)
-    memberships: list[Membership] = []
-    for founder, mine in zip(clusters.founders.tolist(), members, strict=True):
-        ids = sorted(founded[item.id] for item in mine if item.id in founded)
-        memberships.append(Membership(ids[0] if ids else None, group[founder], tuple(mine), tuple(ids[1:])))
-    return memberships, alone
 
 
 def _place(item: StoredPass) -> tuple[float, float, tuple[float, float, float]]:
