@@ -59,6 +59,12 @@ def test_misses_weigh_by_the_policys_number_and_forget_as_ever() -> None:
     assert state.weight_for == _story("Abc", ALIKE).weight_for
 
 
+@pytest.mark.parametrize(("told", "gone"), [("abc", 0.79), ("abcd", 0.91), ("abcde", 0.955), ("abcdeF", 0.77)])
+def test_whoever_denies_a_mapped_sign_is_told_as_sure_as_trust_lets_a_liar_be(told: str, gone: float) -> None:
+    state = _story(told, side=Side.DELETED)
+    assert masses_from_weights(state.weight_for, state.weight_against)[1] == pytest.approx(gone, abs=0.005)
+
+
 @pytest.mark.parametrize("told", ["AbcD", "AbcdEfg", "ABc", "AaB"])
 def test_from_the_second_who_sees_it_on_a_miss_weighs_as_it_decides(told: str) -> None:
     assert _story(told).steps[-1] == _story(told, ALIKE).steps[-1]
