@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import shutil
 import signal
 import tempfile
@@ -15,6 +17,7 @@ settings.register_profile("slamcu", deadline=None)
 settings.load_profile("slamcu")
 
 _MEMORY = Path("/dev/shm")
+_PREFIX, _LOCK = "slamcu-tests-", "lock"
 _ROOM_BYTES = 4 * 2**30  # several times what all workers together have there at any time
 
 
@@ -27,19 +30,31 @@ def scratch_in_memory(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None
     """
     tmp_path_factory.getbasetemp()  # settled before the default changes
     try:
+        _sweep()
         free = shutil.disk_usage(_MEMORY).free
-        directory = Path(tempfile.mkdtemp(prefix="slamcu-tests-", dir=_MEMORY)) if free > _ROOM_BYTES else None
+        directory = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=_MEMORY)) if free > _ROOM_BYTES else None
     except OSError:
         directory = None
     if directory is None:
         yield
         return
-    directory.chmod(0o711)  # PostgreSQL does not run as root, and must be able to get to its directories
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TMPDIR", str(directory))
-        patch.setattr(tempfile, "tempdir", None)
-        yield
-        shutil.rmtree(directory, ignore_errors=True)
+    with (directory / "new").open("w") as mine:
+        fcntl.flock(mine, fcntl.LOCK_EX)  # ends with this process, however it ends
+        (directory / "new").rename(directory / _LOCK)
+        directory.chmod(0o711)  # PostgreSQL does not run as root, and must be able to get to its directories
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("TMPDIR", str(directory))
+            patch.setattr(tempfile, "tempdir", None)
+            yield
+            shutil.rmtree(directory, ignore_errors=True)
+
+
+def _sweep() -> None:
+    """Free the memory of runs that were killed; a server whose files are gone ends by itself within a minute."""
+    for lock in _MEMORY.glob(f"{_PREFIX}*/{_LOCK}"):
+        with contextlib.suppress(OSError), lock.open() as held:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(lock.parent, ignore_errors=True)
 
 
 @pytest.fixture
