@@ -9,9 +9,11 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppres
 
 import pytest
 from sqlalchemy import text
+from sqlalchemy.exc import DBAPIError
 from sqlalchemy.ext.asyncio import AsyncEngine
 
 from slamcu_server.aggregation import log as worker_log
+from slamcu_server.aggregation.locks import turn
 from slamcu_server.aggregation.log import ClaimedMessage
 from slamcu_server.ingest.message_log import LogEntry, MessageLog, Outcome, PostgresMessageLog
 
@@ -169,6 +171,26 @@ async def test_regions_where_others_are_at_work_are_left_to_them(
             # nothing waits elsewhere
             assert [message.message_id for message in await _claimed(open_log, 6)] == [2, 4, 6]
     assert [message.message_id for message in await _claimed(open_log, 6)] == [1, 2, 4, 6, 5, 3]
+
+
+async def test_claims_take_turns_and_wait_for_nobody(
+    open_log: OpenLog, accounts: list[int], engine: AsyncEngine
+) -> None:
+    for number, region in enumerate((5, 9) * 4, 1):
+        await append(open_log, accounts[0], LogEntry("s", number, b"x", region))
+    async with open_log() as one, open_log() as other:
+        claimed = await asyncio.gather(one.claim(4), other.claim(4))
+        assert [{message.region for message in each} for each in claimed] in ([{5}, {9}], [{9}, {5}])
+    async with engine.connect() as slow, turn(slow):  # somebody who never gives the turn back
+        assert len(await _claimed(open_log, 8)) == 8
+
+
+async def test_a_turn_that_fails_is_given_back(engine: AsyncEngine) -> None:
+    with suppress(DBAPIError):
+        async with engine.connect() as failing, turn(failing):
+            await failing.execute(text("SELECT 1 / 0"))
+    async with engine.connect() as next_one:
+        assert (await next_one.execute(text("SELECT pg_try_advisory_xact_lock(4)"))).scalar_one()
 
 
 async def test_nobody_waits_for_his_region_longer_than_a_few_batches(open_log: OpenLog, accounts: list[int]) -> None:

@@ -18,9 +18,16 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 from slamcu_core.aggregation import Policy
 from slamcu_server.aggregation import log, quiet, reads, windows
 from slamcu_server.aggregation.boxes import degrees
-from slamcu_server.aggregation.cells import Cell
+from slamcu_server.aggregation.cells import Cell, regions_of
 from slamcu_server.aggregation.condensed import read
-from slamcu_server.aggregation.locks import CELL_BUDGET, BeyondLockedCells, lock_cells, require_cells, try_cells
+from slamcu_server.aggregation.locks import (
+    CELL_BUDGET,
+    BeyondLockedCells,
+    announce,
+    lock_cells,
+    require_cells,
+    try_cells,
+)
 from slamcu_server.aggregation.log import ClaimedMessage
 from slamcu_server.aggregation.lookups import Lookups, lookups, lookups_again
 from slamcu_server.aggregation.passes import StoredPass
@@ -145,6 +152,7 @@ async def _hold(
             raise BeyondLockedCells(cells)
         return taken, cells
     held = awaited | await try_cells(connection, cells - awaited)
+    await announce(connection, regions_of(held))
     if held == cells:
         return taken, cells
     message, keys = taken.keys(policy.lock_reach_m)

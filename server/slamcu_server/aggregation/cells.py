@@ -112,6 +112,13 @@ def region_at(lon: float, lat: float) -> int:
     return number
 
 
+def regions_of(cells: Iterable[Cell]) -> set[int]:
+    """Return the regions in which the middles of cells lie."""
+    return {
+        region_at((west + east) / 2, (south + north) / 2) for west, south, east, north in (one.bounds for one in cells)
+    }
+
+
 def lock_keys(cells: Iterable[Cell]) -> list[int]:
     """Return the locks' keys in the one order in which everybody takes them."""
     return sorted({cell.key for cell in cells})
@@ -136,4 +143,4 @@ def _column(lon: float, columns: int) -> int:
     return floor((lon + 180.0) / 360.0 * columns) % columns
 
 
-__all__ = ["Cell", "cell_at", "cells_within", "keys_within", "lock_keys", "map_key", "region_at"]
+__all__ = ["Cell", "cell_at", "cells_within", "keys_within", "lock_keys", "map_key", "region_at", "regions_of"]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import asyncio
+from collections.abc import AsyncIterator, Iterable
+from contextlib import asynccontextmanager
 
 from sqlalchemy.ext.asyncio import AsyncConnection
 
@@ -10,6 +12,8 @@ from slamcu_server.aggregation.cells import Cell, lock_keys, map_key
 from slamcu_server.database.statements import text
 
 _REGIONS = 1 << 30  # the key of region 0; those of maps and cells begin at 2³¹
+_TURN = 4  # the key of the turn to claim
+_TURN_LOOKS, _TURN_LOOK_S = 10, 0.02
 
 CELL_BUDGET = 1000
 """Cells that one transaction locks one by one; PostgreSQL's table of locks holds 6,400 by default, for everybody."""
@@ -53,6 +57,29 @@ async def try_cells(connection: AsyncConnection, cells: frozenset[Cell]) -> froz
         {"keys": lock_keys(cells)},
     )
     return frozenset(Cell.of_key(row.key) for row in found)
+
+
+@asynccontextmanager
+async def turn(connection: AsyncConnection) -> AsyncIterator[None]:
+    """Let one worker after the other look where others are and announce where it is, if they are quick about it.
+
+    A courtesy, by a lock of the connection, which the end of the transaction would keep too long: who does not get his
+    turn within a fifth of a second goes ahead.
+    """
+    key = {"key": _TURN}
+    for _ in range(_TURN_LOOKS):
+        mine = bool((await connection.execute(text("SELECT pg_try_advisory_lock(:key)"), key)).scalar_one())
+        if mine:
+            break
+        await asyncio.sleep(_TURN_LOOK_S)
+    try:
+        yield
+    except BaseException:
+        if mine:
+            await connection.invalidate()  # a transaction that has failed cannot give the turn back
+        raise
+    if mine:
+        await connection.execute(text("SELECT pg_advisory_unlock(:key)"), key)
 
 
 async def announce(connection: AsyncConnection, regions: Iterable[int]) -> None:

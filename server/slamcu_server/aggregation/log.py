@@ -8,7 +8,7 @@ from datetime import timedelta
 
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from slamcu_server.aggregation.locks import announce, announced
+from slamcu_server.aggregation.locks import announce, announced, turn
 from slamcu_server.database.statements import text
 
 CHANNEL = "slamcu_messages"
@@ -68,6 +68,13 @@ async def claim(
     """
     if ids is not None:
         return await _claim(connection, "AND id = ANY(CAST(:ids AS bigint[])) ORDER BY id", limit, ids=list(ids))
+    async with turn(connection):
+        claimed = await _claim_apart(connection, limit, beside_others=beside_others)
+        await announce(connection, {message.region for message in claimed})
+    return claimed
+
+
+async def _claim_apart(connection: AsyncConnection, limit: int, *, beside_others: bool) -> list[ClaimedMessage]:
     busy = await announced(connection)
     where, given = "AND region <> ALL(CAST(:busy AS bigint[]))" if busy else "", {"busy": busy} if busy else {}
     oldest: list[ClaimedMessage] = []
@@ -77,15 +84,13 @@ async def claim(
         oldest = await _claim(connection, "ORDER BY id", 1)
         if not beside_others:
             where, given = "", {}
-    found: list[ClaimedMessage] = []
-    if oldest and limit > 1:
-        near = f"""AND id = ANY(ARRAY(
-                SELECT id FROM messages WHERE state = 'pending' AND id > :oldest {where} ORDER BY id LIMIT :among))
-            ORDER BY region < :region, abs(region - :region), id"""  # noqa: S608  (constants)
-        parameters = {"oldest": oldest[0].id, "region": oldest[0].region, "among": _HORIZON * limit}
-        found = await _claim(connection, near, limit - 1, **parameters, **given)
-    await announce(connection, {message.region for message in (*oldest, *found)})
-    return [*oldest, *found]
+    if not oldest or limit == 1:
+        return oldest
+    near = f"""AND id = ANY(ARRAY(
+            SELECT id FROM messages WHERE state = 'pending' AND id > :oldest {where} ORDER BY id LIMIT :among))
+        ORDER BY region < :region, abs(region - :region), id"""  # noqa: S608  (constants)
+    parameters = {"oldest": oldest[0].id, "region": oldest[0].region, "among": _HORIZON * limit}
+    return [*oldest, *await _claim(connection, near, limit - 1, **parameters, **given)]
 
 
 async def _claim(connection: AsyncConnection, which: str, limit: int, **parameters: object) -> list[ClaimedMessage]:
