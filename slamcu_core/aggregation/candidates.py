@@ -146,7 +146,7 @@ def _canonical_order(order_key: Sequence[tuple[Any, ...]]) -> list[int]:
 
 
 def _merged(laid: _Laid, finds: NDArray[np.intp]) -> Generator[list[_Finds], list[list[Part]], list[Part]]:
-    """Cluster the finds of one class, given in canonical order; members are indices of laid.passes."""
+    """Cluster the finds of one class, given in canonical order; members are indices of the passes."""
     if not len(finds):
         return []
     sessions: dict[Hashable, int] = {}

@@ -87,7 +87,7 @@ async def process_batch(engine: AsyncEngine, policy: Policy, *, limit: int, ids:
                 patience = _PATIENCE if len(claimed) == most else 1.0
                 return await _fuse(connection, claimed, policy, awaited, patience=patience, retractions=retractions)
         except BeyondLockedCells as beyond:
-            # Another try that waits for these first, holding nothing that anybody else could wait for.
+            # Another try, which waits for these before it holds any cell or message.
             awaited |= beyond.cells
         except Exception as error:
             if not claimed:
