@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import multiprocessing.util
 import shutil
 import signal
 import tempfile
@@ -28,7 +29,9 @@ def scratch_in_memory(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None
     Tests kill processes, which loses nothing that was handed to the system; none cuts the power. Making and dropping
     a database takes three to four times as long on a disk. pytest's own folders, which outlive the run, stay there.
     """
-    tmp_path_factory.getbasetemp()  # settled before the default changes
+    # both settled before the default changes: they outlive this
+    tmp_path_factory.getbasetemp()
+    multiprocessing.util.get_temp_dir()
     try:
         _sweep()
         free = shutil.disk_usage(_MEMORY).free
