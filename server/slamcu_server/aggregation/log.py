@@ -76,21 +76,18 @@ async def claim(
 
 async def _claim_apart(connection: AsyncConnection, limit: int, *, beside_others: bool) -> list[ClaimedMessage]:
     busy = await announced(connection)
-    where, given = "AND region <> ALL(CAST(:busy AS bigint[]))" if busy else "", {"busy": busy} if busy else {}
-    oldest: list[ClaimedMessage] = []
-    if not beside_others:
-        oldest = await _claim(connection, f"{where} ORDER BY id", 1, **given)
-    if not oldest:
-        oldest = await _claim(connection, "ORDER BY id", 1)
-        if not beside_others:
-            where, given = "", {}
+    apart = "AND region <> ALL(CAST(:busy AS bigint[]))"
+    oldest = await _claim(connection, f"{apart} ORDER BY id", 1, busy=[] if beside_others else busy)
+    if not oldest and busy:  # nothing waits elsewhere
+        busy = []
+        oldest = await _claim(connection, f"{apart} ORDER BY id", 1, busy=busy)
     if not oldest or limit == 1:
         return oldest
     near = f"""AND id = ANY(ARRAY(
-            SELECT id FROM messages WHERE state = 'pending' AND id > :oldest {where} ORDER BY id LIMIT :among))
+            SELECT id FROM messages WHERE state = 'pending' AND id > :oldest {apart} ORDER BY id LIMIT :among))
         ORDER BY region < :region, abs(region - :region), id"""  # noqa: S608  (constants)
-    parameters = {"oldest": oldest[0].id, "region": oldest[0].region, "among": _HORIZON * limit}
-    return [*oldest, *await _claim(connection, near, limit - 1, **parameters, **given)]
+    parameters = {"oldest": oldest[0].id, "region": oldest[0].region, "among": _HORIZON * limit, "busy": busy}
+    return [*oldest, *await _claim(connection, near, limit - 1, **parameters)]
 
 
 async def _claim(connection: AsyncConnection, which: str, limit: int, **parameters: object) -> list[ClaimedMessage]:
