@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.aggregation.finds import Batch, Codes, Find, Flags, Group, batches, inverse, sums_over, times
+from slamcu_core.aggregation.finds import Batch, Codes, Flags, Group, batches, joint, named, sums_over
 from slamcu_core.aggregation.policy import ClassPolicy
+from slamcu_core.geometry import inverse, mahalanobis_square, times
 
 Array = NDArray[np.float64]
 
@@ -43,22 +44,22 @@ def agglomerate(groups: Sequence[Group], policy: ClassPolicy) -> list[list[Part]
     -------
     Clusters of each group, in order of their first members.
     """
-    made = [
-        [Part((0,), group.xy[0], group.covariance[0], group.finds[0].sign, group.finds[0].value)]
-        for group in groups  # as many are
-    ]
+    made: dict[int, list[Part]] = {}
     for numbers in batches(groups):
         batch = Batch.of([groups[number] for number in numbers], policy)
-        for number, parts in zip(numbers, _parts(_partition(batch), batch), strict=True):
-            made[number] = parts
-    return made
+        made.update(zip(numbers, _parts(_partition(batch), batch), strict=True))
+    return [made[number] if number in made else [_alone(group)] for number, group in enumerate(groups)]
 
 
-def pair_costs(x: Array, y: Array, covariance: Array, policy: ClassPolicy) -> Array:
-    """Return d² + ln det S of differences x and y with S (3, ...); infinite outside the gate or match radius."""
-    sxx, sxy, syy = covariance
-    determinant = sxx * syy - sxy * sxy
-    squared = (syy * x * x - 2.0 * sxy * x * y + sxx * y * y) / determinant
+def _alone(group: Group) -> Part:
+    """Return the one find of a group, as many have, as a cluster."""
+    return Part((0,), group.xy[0], group.covariance[0], group.finds[0].sign, group.finds[0].value)
+
+
+def pair_costs(difference: Array, covariance: Array, policy: ClassPolicy) -> Array:
+    """Return d² + ln det S of differences (2, ...) with S (3, ...); infinite outside the gate or match radius."""
+    x, y = difference
+    squared, determinant = mahalanobis_square(difference, covariance)
     inside = (squared <= policy.gate) & (x * x + y * y <= policy.match_radius_m**2)
     return np.asarray(np.where(inside, squared + np.log(determinant), np.inf))
 
@@ -85,6 +86,7 @@ def _parts(label: Codes, batch: Batch) -> list[list[Part]]:
     slots = label.shape[1]
     vector, information, count = _sums(label, np.arange(len(label)), batch, slots)
     places, spreads = _summary(information, vector, count)
+    names = named(label, batch.names, slots)
     made = []
     for group, labels in enumerate(label.tolist()):
         members: dict[int, list[int]] = {}
@@ -94,8 +96,7 @@ def _parts(label: Codes, batch: Batch) -> list[list[Part]]:
         parts = []
         for slot, mine in members.items():
             sxx, sxy, syy = spreads[:, group, slot]
-            said = batch.names[:, group, mine]
-            sign, value = (batch.texts[next((code for code in row if code), 0)] for row in said.tolist())
+            sign, value = (batch.texts[code] for code in names[:, group, slot].tolist())
             parts.append(Part(tuple(mine), places[:, group, slot], np.array([[sxx, sxy], [sxy, syy]]), sign, value))
         made.append(parts)
     return made
@@ -117,7 +118,7 @@ def _summary(information: Array, vector: Array, count: Array) -> tuple[Array, Ar
     """
     none = count <= 0.0
     own = inverse(np.where(none, np.array([1.0, 0.0, 1.0]).reshape(3, *(1 for _ in count.shape)), information))
-    return np.stack(times(own, vector)), 0.5 * (1.0 + count) * own
+    return times(own, vector), 0.5 * (1.0 + count) * own
 
 
 def _agree(one: Codes, other: Codes) -> Flags:
@@ -133,18 +134,11 @@ class _Merging:
         rows, slots = label.shape
         self._alive = label == np.arange(slots)
         self._vector, self._information, self._count = _sums(label, groups, batch, slots)
-        self._names = np.zeros((2, rows, slots), np.intp)
-        self._apart = np.zeros((rows, slots, slots), bool)
-        for find in range(slots - 1, -1, -1):  # the first that could tell names the cluster
-            said = batch.names[:, groups, find]
-            at = np.arange(rows), label[:, find]
-            self._names[:, *at] = np.where(said > 0, said, self._names[:, *at])
-        if (self._alive | (label < 0)).all():
-            self._apart |= batch.together[groups]
-        elif batch.together.any():
+        self._names = named(label, batch.names[:, groups], slots)
+        self._apart = batch.together[groups]
+        if self._apart.any():
             belongs = (label[:, None] == np.arange(slots)[:, None]).astype(float)
-            self._apart |= belongs @ batch.together[groups].astype(float) @ belongs.transpose(0, 2, 1) > 0.0
-        self._names_differ = bool((self._names.max(axis=2) != _least_named(self._names)).any())
+            self._apart = belongs @ self._apart.astype(float) @ belongs.transpose(0, 2, 1) > 0.0
         self._places, self._spreads = _summary(self._information, self._vector, self._count)
         step = max(1, _PAIRS_AT_ONCE // (rows * slots))
         pieces = [np.arange(slots)[at : at + step] for at in range(0, slots, step)]
@@ -171,8 +165,7 @@ class _Merging:
         self._places[:, at, slot], self._spreads[:, at, slot] = _summary(
             self._information[:, at, slot], self._vector[:, at, slot], self._count[at, slot]
         )
-        names = self._names[:, at, slot]
-        self._names[:, at, slot] = np.where(names > 0, names, self._names[:, at, gone])
+        self._names[:, at, slot] = joint(self._names[:, at, slot], self._names[:, at, gone])
         self._apart[at, slot] |= self._apart[at, gone]
         self._apart[at, :, slot] |= self._apart[at, :, gone]
         self._alive[at, gone] = False
@@ -196,20 +189,13 @@ class _Merging:
         """Return what merging slots (R,), or (A, R), with each other one costs, (A, R, C); infinite where forbidden."""
         chosen = np.broadcast_to(slots, (len(at), slots.shape[-1]))
         of = at[:, None], chosen
-        x, y = self._places[:, at, None] - self._places[:, *of, None]
-        costs = pair_costs(x, y, self._spreads[:, at, None] + self._spreads[:, *of, None], self._policy)
+        difference = self._places[:, at, None] - self._places[:, *of, None]
+        costs = pair_costs(difference, self._spreads[:, at, None] + self._spreads[:, *of, None], self._policy)
         barred = ~self._alive[at, None] | ~self._alive[*of, None] | self._apart[of]
         barred |= chosen[:, :, None] == np.arange(self._label.shape[1])
-        if self._names_differ:
-            barred |= ~_agree(self._names[:, at, None], self._names[:, *of, None])
+        barred |= ~_agree(self._names[:, at, None], self._names[:, *of, None])
         costs[barred] = np.inf
         return costs
-
-
-def _least_named(names: Codes) -> Codes:
-    """Return the least code (2, G) above 0 in each group, 0 where there is none."""
-    least = np.where(names > 0, names, np.iinfo(np.intp).max).min(axis=2)
-    return np.where(names.max(axis=2) > 0, least, 0)
 
 
 def _moved(label: Codes, groups: Codes, batch: Batch) -> Codes:
@@ -232,8 +218,8 @@ def _moved(label: Codes, groups: Codes, batch: Batch) -> Codes:
         vector[:, :, None] - mine * batch.vector[:, groups, :, None],
         others,
     )
-    x, y = places - batch.xy[:, groups, :, None]
-    costs = pair_costs(x, y, spreads + batch.covariance[:, groups, :, None], batch.policy)
+    difference = places - batch.xy[:, groups, :, None]
+    costs = pair_costs(difference, spreads + batch.covariance[:, groups, :, None], batch.policy)
     fits = np.isfinite(costs) & (others > 0.0) & present[:, :, None]
     costs = np.where(fits, costs - 2.0 * np.log(np.maximum(others, 1.0)), np.inf)
     moved = label.copy()
@@ -246,10 +232,7 @@ def _moved(label: Codes, groups: Codes, batch: Batch) -> Codes:
 
 def _chosen(costs: Array, number: Codes, names: Codes, together: Flags) -> Codes:
     """Let the finds of one group choose by their costs (N, C), the best fit first, and return the cluster of each."""
-    said = [
-        [next((code for code in row if code), 0) for row in names[:, number == cluster].tolist()]
-        for cluster in range(costs.shape[1])
-    ]
+    said = named(number[None], names[:, None], costs.shape[1])[:, 0].T.tolist()
     chosen: list[list[int]] = [[] for _ in said]
     waiting = number >= 0
     rows, columns = np.nonzero(np.isfinite(costs))
@@ -266,6 +249,3 @@ def _chosen(costs: Array, number: Codes, names: Codes, together: Flags) -> Codes
     for each in chosen:
         label[each] = min(each, default=-1)
     return label
-
-
-__all__ = ["Find", "Group", "Part", "agglomerate", "compatible", "pair_costs"]

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from slamcu_core.aggregation.agglomeration import Find, Group, Part, agglomerate, compatible, pair_costs
+from slamcu_core.aggregation.agglomeration import Part, agglomerate, compatible, pair_costs
+from slamcu_core.aggregation.finds import Find, Group
 from slamcu_core.aggregation.groups import connected_groups
 from slamcu_core.aggregation.policy import ClassPolicy, Policy
 from slamcu_core.aggregation.position import check_positions, own_covariance
@@ -182,9 +183,8 @@ def _nearest(laid: _Laid, one: int, parts: Sequence[Part]) -> int | None:
     for number, part in enumerate(parts):
         if not (compatible(laid.passes.sign[one], part.sign) and compatible(laid.passes.value[one], part.value)):
             continue
-        x, y = part.xy - laid.places[one]
         spread = (part.covariance + laid.covariances[one]).reshape(4)[[0, 1, 3]]
-        cost = float(pair_costs(x, y, spread, laid.policy))
+        cost = float(pair_costs(part.xy - laid.places[one], spread, laid.policy))
         distances = np.hypot(*(laid.places[list(part.members)] - laid.places[one]).T)
         if cost < best and distances.min() <= laid.policy.match_radius_m:
             best, nearest = cost, number

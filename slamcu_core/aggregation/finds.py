@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.aggregation.policy import ClassPolicy
+from slamcu_core.geometry import inverse, times
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.intp]
@@ -78,7 +79,7 @@ class Batch:
         session[present] = [find.session for find in cards]
         xy, covariance = columns[:2], columns[2:5]
         information = inverse(covariance)
-        vector = np.stack(times(information, xy))
+        vector = times(information, xy)
         together = _seen_together(xy, session, columns[5], columns[6]) & present[:, :, None] & present[:, None, :]
         return cls(present, xy, covariance, information, vector, together, names, tuple(codes), policy)
 
@@ -92,19 +93,6 @@ def batches(groups: Sequence[Group]) -> Iterator[list[int]]:
         yield from (numbers[at : at + most] for at in range(0, len(numbers), most))
 
 
-def inverse(matrix: Array) -> Array:
-    """Return the inverses of symmetric matrices (3, ...): xx, xy, yy."""
-    xx, xy, yy = matrix
-    return np.asarray(np.stack((yy, -xy, xx)) / (xx * yy - xy * xy))
-
-
-def times(matrix: Array, vector: Array) -> tuple[Array, Array]:
-    """Return the products of symmetric matrices (3, ...) with vectors (2, ...)."""
-    xx, xy, yy = matrix
-    x, y = vector
-    return xx * x + xy * y, xy * x + yy * y
-
-
 def sums_over(label: Codes, values: Array, slots: int) -> Array:
     """Add up values (K, G, N) by the slot (G, N) that each find is in, and return (K, G, S); below 0 is no slot."""
     made = np.zeros((len(values), len(label), slots + 1))
@@ -112,6 +100,21 @@ def sums_over(label: Codes, values: Array, slots: int) -> Array:
     for find in range(label.shape[1]):  # in canonical order, whatever the padding
         made[:, rows, label[:, find]] += values[:, :, find]
     return made[:, :, :slots]
+
+
+def named(label: Codes, names: Codes, slots: int) -> Codes:
+    """Return what the finds (2, G, N) in each slot say it is, (2, G, S): sign and value that the first can tell."""
+    made = np.zeros((2, len(label), slots + 1), np.intp)
+    rows = np.arange(len(label))
+    for find in range(label.shape[1] - 1, -1, -1):
+        at = rows, label[:, find]
+        made[:, *at] = joint(names[:, :, find], made[:, *at])
+    return made[:, :, :slots]
+
+
+def joint(one: Codes, other: Codes) -> Codes:
+    """Return what compatible names say together: the sign and value that either knows."""
+    return np.where(one > 0, one, other)
 
 
 def _padded(size: int) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.filter.assignment import assign
-from slamcu_core.filter.ekf import mahalanobis_square
+from slamcu_core.geometry import mahalanobis_square
 from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]

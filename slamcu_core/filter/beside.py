@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.filter.beliefs import Beliefs
-from slamcu_core.filter.ekf import inverse
 from slamcu_core.filter.existence import State
 from slamcu_core.filter.map_management import MapManagement
 from slamcu_core.filter.table import FeatureTable, Kind
+from slamcu_core.geometry import inverse
 from slamcu_core.hd_map import HDMap
 
 Array = NDArray[np.float64]

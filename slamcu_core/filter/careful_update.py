@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from slamcu_core.filter import explanations, proposal
 from slamcu_core.filter.detections import Seen
-from slamcu_core.filter.ekf import mahalanobis_square
 from slamcu_core.filter.explanations import Explanations, Weighed
 from slamcu_core.filter.frame_update import CloseLook, FrameUpdate
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.resampling import systematic
 from slamcu_core.filter.table import Kind
 from slamcu_core.filter.view import View
+from slamcu_core.geometry import mahalanobis_square
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -45,31 +45,6 @@ def full(matrix: Sequence[Array] | Array) -> Array:
     return np.array([[xx, xy], [xy, yy]])
 
 
-def inverse(matrix: Sequence[Array] | Array) -> Array:
-    """Return the inverses (3, ...) of symmetric matrices (3, ...)."""
-    xx, xy, yy = matrix
-    return np.asarray(np.array([yy, -xy, xx]) / (xx * yy - xy * xy))
-
-
-def mahalanobis_square(vector: Array, covariance: Sequence[Array] | Array) -> tuple[Array, Array]:
-    """Return νᵀ Q⁻¹ ν for vectors (2, ...) and symmetric matrices (3, ...), and the determinants of Q."""
-    x, y = vector
-    xx, xy, yy = covariance
-    determinant = xx * yy
-    determinant -= xy * xy
-    square = x * x
-    square *= yy
-    cross = x * y
-    cross *= xy
-    cross += cross
-    square -= cross
-    across = y * y
-    across *= xx
-    square += across
-    square /= determinant
-    return square, determinant
-
-
 def turned(cos: Array, sin: Array, matrix: Sequence[Array] | Array) -> Array:
     """Return R Σ Rᵀ (3, ...) of symmetric matrices (3, ...) with R = [[cos, sin], [-sin, cos]]."""
     xx, xy, yy = matrix

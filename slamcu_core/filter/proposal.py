@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.filter.ekf import apply, full, inverse, mahalanobis_square, product, transpose
+from slamcu_core.filter.ekf import apply, full, product, transpose
 from slamcu_core.filter.particles import Particles
+from slamcu_core.geometry import inverse, mahalanobis_square
 
 Array = NDArray[np.float64]
 

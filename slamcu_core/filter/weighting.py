@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.filter.ekf import mahalanobis_square
+from slamcu_core.geometry import mahalanobis_square
 
 Array = NDArray[np.float64]
 

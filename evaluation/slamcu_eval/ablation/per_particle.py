@@ -13,6 +13,7 @@ from slamcu_core.filter import ekf, proposal, weighting
 from slamcu_core.filter.detections import Seen
 from slamcu_core.filter.frame_update import CloseLook, FrameUpdate, Matches
 from slamcu_core.filter.view import View
+from slamcu_core.geometry import mahalanobis_square
 from slamcu_eval.ablation.parts import weighs_as_normal
 
 Array = NDArray[np.float64]
@@ -71,7 +72,7 @@ class PerParticle(FrameUpdate):
         nu = self.model.innovation(seen.measurement[:, :, None], marginal.mean[:, None, columns])
         xx, xy, yy = marginal.covariance[:, columns]
         covariance = xx + seen.noise[0, :, None], xy, yy + seen.noise[1, :, None]
-        inside = ekf.mahalanobis_square(nu, covariance)[0] < self.parameters.gate
+        inside = mahalanobis_square(nu, covariance)[0] < self.parameters.gate
         signs, values = self.table.sign[rows], self.table.value[rows]
         other = (seen.sign[:, None] != signs) & (seen.sign[:, None] > 0) & (signs > 0)
         other |= (seen.value[:, None] != values) & (seen.value[:, None] > 0) & (values > 0)
