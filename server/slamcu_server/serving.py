@@ -6,14 +6,17 @@ import asyncio
 import contextlib
 import gc
 import logging
+import os
 import signal
 import socket
 import sys
+import threading
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any
 
 import uvicorn
+import uvloop
 from fastapi import FastAPI
 
 from slamcu_core.errors import SlamcuError
@@ -25,6 +28,9 @@ from slamcu_server.runtime import WorkerSupervisor, open_database
 from slamcu_server.settings import Settings
 
 _WORKER_GRACE_S = 5.0
+_THREADS_GRACE_S = 1.0
+
+logger = logging.getLogger(__name__)
 
 
 class ServeError(SlamcuError):
@@ -62,6 +68,30 @@ def _collect_less() -> None:
     gc.set_threshold(100_000, 20, 20)
 
 
+def run_to_end(main: Coroutine[Any, Any, None]) -> None:
+    """Run what a process does; if a thread is busy long after, end the process without it.
+
+    An event loop that closes waits for its threads, and a resolver may take as long as it likes to look up the name of
+    a database that is gone.
+    """
+    leaving = threading.Timer(_THREADS_GRACE_S, _leave)
+    leaving.daemon = True
+
+    async def run() -> None:
+        await main
+        leaving.start()
+
+    uvloop.run(run())
+    leaving.cancel()
+
+
+def _leave() -> None:
+    logger.warning("a thread is still busy; leaving without it")
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
+
+
 async def serve(settings: Settings, *, ready: Callable[[str], None]) -> None:
     """Serve the API until SIGTERM or SIGINT, calling `ready` with its URL; raises SlamcuError if it cannot start."""
     async with contextlib.AsyncExitStack() as stack:
@@ -90,8 +120,8 @@ async def work(settings: Settings, *, ready: Callable[[], None]) -> None:
         instruments = Instruments()
         supervisor = WorkerSupervisor(lambda asked: run_worker(engine, settings, asked, instruments=instruments))
         if listener is not None:
-            app = create_worker_app(engine, supervisor, instruments)
-            await stack.enter_async_context(_beside(_server(app, settings), listener))
+            server = _server(create_worker_app(engine, supervisor, instruments), settings)
+            await stack.enter_async_context(_beside(server, listener, stop))
         _collect_less()
         supervisor.start()
         ready()
@@ -112,12 +142,19 @@ def _server(app: FastAPI, settings: Settings) -> _Server:
 
 
 @contextlib.asynccontextmanager
-async def _beside(server: _Server, listener: socket.socket) -> AsyncIterator[None]:
-    """Serve while the block runs."""
+async def _beside(server: _Server, listener: socket.socket, stop: asyncio.Event) -> AsyncIterator[None]:
+    """Serve until `stop` or the end of the block; answers under way are given while the block ends."""
     serving = asyncio.create_task(server.serve(sockets=[listener]))
+
+    async def watch() -> None:
+        await stop.wait()
+        server.should_exit = True
+
+    watching = asyncio.create_task(watch())
     try:
         yield
     finally:
+        watching.cancel()
         server.should_exit = True
         await serving
 

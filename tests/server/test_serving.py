@@ -93,6 +93,25 @@ def test_it_stops_while_a_client_dawdles(server_process: Any, vehicle_headers: d
         assert server_process.stop() == 0
 
 
+def test_a_stop_does_not_wait_for_a_thread() -> None:
+    """As one that looks up the name of a database that is gone, and is not told that there is no such name."""
+    program = """if True:
+        import asyncio, threading
+        from slamcu_server.serving import run_to_end
+
+        async def main():
+            busy = threading.Event()
+            lookup = asyncio.get_running_loop().run_in_executor(None, lambda: busy.set() or threading.Event().wait())
+            while not busy.is_set():
+                await asyncio.sleep(0.01)
+            lookup.cancel()
+
+        run_to_end(main())
+    """
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=30, check=True)
+    assert "without it" in ended.stderr
+
+
 def test_an_acknowledged_message_survives_kill_9(
     server_process: Any, vehicle_headers: dict[str, str], database_url: str, make_report: MakeReport
 ) -> None:

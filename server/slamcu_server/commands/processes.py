@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-import uvloop
 
 from slamcu_server.commands.common import DataDir, say
 from slamcu_server.database import migrate as migrations
@@ -46,7 +45,7 @@ def serve(
         if ready_file is not None:
             serving.write_ready_file(ready_file, url)
 
-    uvloop.run(serving.serve(settings, ready=ready))
+    serving.run_to_end(serving.serve(settings, ready=ready))
 
 
 def worker(data_dir: DataDir = None) -> None:
@@ -60,7 +59,7 @@ def worker(data_dir: DataDir = None) -> None:
         typer.echo("slamcu-server worker is aggregating")
         sys.stdout.flush()
 
-    uvloop.run(serving.work(settings, ready=ready))
+    serving.run_to_end(serving.work(settings, ready=ready))
 
 
 def migrate(data_dir: DataDir = None) -> None:
