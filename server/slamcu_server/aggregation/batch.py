@@ -118,7 +118,10 @@ async def _fuse(
     reasons |= unresolvable
     entries: list[feed.Entry] = []
     if resolved.messages:
+        read_of = resolved.messages
         resolved, cells = await _hold(connection, resolved, awaited, policy, patience=patience)
+        if resolved.messages < read_of:
+            await log.call(connection)  # somebody without work may be free for these when this batch is done
         # What candidates are may have changed meanwhile: another batch can have merged them, a review accepted them.
         again = await lookups_again(connection, known)
         if again is not known:

@@ -42,6 +42,11 @@ class ClaimedMessage:
     condensed: bytes | None = None  # what it reports, read already: `condensed.read`
 
 
+async def call(connection: AsyncConnection) -> None:
+    """Tell the workers, once this transaction is done, that messages wait."""
+    await connection.execute(text("SELECT pg_notify(:channel, '')"), {"channel": CHANNEL})
+
+
 async def share(connection: AsyncConnection, limit: int) -> int:
     """Return how many messages a batch of at most `limit` takes: half of what waits, but no fewer than a few.
 

@@ -83,7 +83,7 @@ class PostgresMessageLog:
         if earlier := [entry for entry in unique if entry.key not in inserted]:
             present |= await self._hashes(account_id, earlier)
         if inserted:
-            await self._connection.execute(text("SELECT pg_notify(:channel, '')"), {"channel": worker_log.CHANNEL})
+            await worker_log.call(self._connection)
         return [self._outcome(entry, first, inserted, present) for entry in entries]
 
     async def claim(self, limit: int) -> list[ClaimedMessage]:

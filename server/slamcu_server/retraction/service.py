@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_server.accounts import repository as accounts
 from slamcu_server.accounts.schemas import Principal
-from slamcu_server.aggregation.log import CHANNEL
+from slamcu_server.aggregation import log
 from slamcu_server.problems import Problem
 from slamcu_server.retraction import marks, repository
 from slamcu_server.retraction.filter import FIELDS, EvidenceFilter
@@ -37,7 +36,7 @@ async def request(connection: AsyncConnection, asked: RetractionRequest, by: Pri
     if active is not None:
         return present(active), False
     made = await repository.add(connection, names, asked.reason, by.account_id)
-    await call_worker(connection)
+    await log.call(connection)
     return present(await _find(connection, made)), True
 
 
@@ -47,7 +46,7 @@ async def undo(connection: AsyncConnection, retraction_id: int, reason: str, by:
     found = await _find(connection, retraction_id)
     if found.state not in _DONE:
         await repository.request_undo(connection, retraction_id, reason, by.account_id)
-        await call_worker(connection)
+        await log.call(connection)
         found = await _find(connection, retraction_id)
     return present(found)
 
@@ -63,11 +62,6 @@ async def page(connection: AsyncConnection, after: int, limit: int) -> Retractio
     shown = found[:limit]
     following = f"/v1/evidence/retractions?limit={limit}&after={shown[-1].id}" if len(found) > limit else None
     return RetractionPage(retractions=[present(one) for one in shown], next=following)
-
-
-async def call_worker(connection: AsyncConnection) -> None:
-    """Wake a worker that sleeps when this transaction commits."""
-    await connection.execute(text("SELECT pg_notify(:channel, '')"), {"channel": CHANNEL})
 
 
 def present(stored: StoredRetraction) -> Retraction:

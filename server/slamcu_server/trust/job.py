@@ -22,7 +22,7 @@ from slamcu_core.aggregation import (
     tally,
     trust_share,
 )
-from slamcu_server.aggregation.log import CHANNEL
+from slamcu_server.aggregation import log
 from slamcu_server.retraction import marks, repository
 from slamcu_server.retraction.filter import EvidenceFilter
 from slamcu_server.trust import table, testimonies
@@ -99,7 +99,7 @@ async def _write(connection: AsyncConnection, verdicts: list[Verdict], newest: d
         await _list_passes(connection, changed)
         version = await table.write_version(connection, len(verdicts), changed)
     gated, released = await _gate(connection, sessions)
-    await connection.execute(text("SELECT pg_notify(:channel, '')"), {"channel": CHANNEL})
+    await log.call(connection)
     return Recomputed(version, len(verdicts), changed, gated, released)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from slamcu_server.aggregation import batch, rebuild
+from slamcu_server.aggregation import batch, rebuild, worker
 from slamcu_server.aggregation.locks import lock_cells
 from slamcu_server.aggregation.refold import cells_of
 
@@ -61,6 +61,23 @@ async def test_what_is_held_waits_and_the_rest_does_not(
     await street.fuse()
     assert await street.feature_state(busy) is not None
     assert await rebuild.differences(street.engine, street.policy) == []
+
+
+async def test_what_is_put_off_calls_whoever_has_no_work(
+    street: Any, reports: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(batch, "_PATIENCE", 0.0)
+    for sign in (1, 2):
+        await street.report(f"car-{sign}", reports.seen(sign, hours=1))
+    async with worker._listening(street.engine) as caller:
+        async with street.engine.begin() as other:
+            await lock_cells(other, await cells_at(street, 1))
+            assert (await batch.process_batch(street.engine, street.policy, limit=2)).fused == 1
+            await asyncio.wait_for(caller.event.wait(), 20)
+        caller.event.clear()
+        assert (await batch.process_batch(street.engine, street.policy, limit=2)).fused == 1
+        await asyncio.sleep(0.2)
+        assert not caller.event.is_set()
 
 
 async def test_the_oldest_is_waited_for_in_the_end(street: Any, reports: Any, monkeypatch: pytest.MonkeyPatch) -> None:
