@@ -53,7 +53,7 @@ class Because(StrEnum):
     MERGED = "merged"  # the candidate is part of another one
     JOINED = "joined"  # it is one half of another change now
     UNMAPPED = "unmapped"  # the map no longer has the feature
-    RETRACTED = "retracted"  # what it was made of was taken out
+    RETRACTED = "retracted"  # what it was made of was taken out, or what speaks against it let in again
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,3 +137,4 @@ class Beliefs:
     unmapped: frozenset[int]  # features that the map no longer has: nothing about them would be a change of it
     dissolved: frozenset[int] = frozenset()  # candidates of which nothing is left: what they were made of was retracted
     pairs: tuple[Pair, ...] = ()  # of features and candidates that are both in `about`
+    corrected: bool = False  # what counts was changed: by a retraction, its undoing, or trust

@@ -40,7 +40,7 @@ def plan(claims: Sequence[Claim], beliefs: Beliefs, known: Sequence[Published], 
             taken |= {chosen.id, *(row.id for row in joined)}
         transition = decide(claim, chosen, policy.for_class(claim.leading.belief.feature_class))
         if transition is not None:
-            why = {"withdrawn_because": _reason(claim)} if transition.state is State.WITHDRAWN else {}
+            why = {"withdrawn_because": _reason(claim, beliefs)} if transition.state is State.WITHDRAWN else {}
             said.append(Said(transition.state, None if transition.opens else chosen, claim, why))
             if chosen is not None and not transition.opens:
                 taken.add(chosen.id)  # a withdrawn one that comes back is nobody else's either
@@ -71,9 +71,11 @@ def _choose(mine: Sequence[Published]) -> tuple[Published | None, list[Published
     return max(mine, key=lambda row: row.id, default=None), []
 
 
-def _reason(claim: Claim) -> str:
+def _reason(claim: Claim, beliefs: Beliefs) -> str:
     voices = [voice for voice in (claim.feature, claim.candidate) if voice is not None]
-    return (Because.FADED if any(voice.faded for voice in voices) else Because.EVIDENCE).value
+    if any(voice.faded for voice in voices):
+        return Because.FADED.value
+    return (Because.RETRACTED if beliefs.corrected else Because.EVIDENCE).value
 
 
 def _moot(rows: Sequence[Published], beliefs: Beliefs) -> list[Said]:

@@ -87,7 +87,7 @@ async def _correct_piece(connection: AsyncConnection, policy: Policy, piece: int
     await marks.mark(connection, again.passes)
     dissolved = await anchors.pass_on(connection, again.passes)
     beliefs = await refold(connection, Touched(again.features, again.places), held, policy)
-    entries = await feed.publish(connection, replace(beliefs, dissolved=dissolved), policy)
+    entries = await feed.publish(connection, replace(beliefs, dissolved=dissolved, corrected=True), policy)
     await connection.execute(
         text("DELETE FROM corrections WHERE id = ANY(CAST(:ids AS bigint[]))"), {"ids": list(listed.ids)}
     )

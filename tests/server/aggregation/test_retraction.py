@@ -292,7 +292,9 @@ async def test_a_confirmed_change_is_withdrawn_in_the_feed_and_confirmed_again(r
     assert sorted(before.values()) == ["confirmed", "confirmed"]
     retraction = await retract(road, fleet_id="liars")
     await apply(road)
-    assert [change.state for change in await road.changes()] == ["withdrawn", "withdrawn"]
+    gone = await road.changes()
+    assert [change.state for change in gone] == ["withdrawn", "withdrawn"]
+    assert [change.document["withdrawn_because"] for change in gone] == ["retracted", "retracted"]
     assert await road.candidates() == []
     assert (await road.feature_state(1)).contributors_against == 0
     await assert_consistent(road)
