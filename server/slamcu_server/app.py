@@ -44,8 +44,7 @@ def create_app(settings: Settings, *, engine: AsyncEngine | None = None) -> Fast
 
     Raises FormatError if the aggregation policy of the settings cannot be used.
     """
-    if settings.embedded_worker:
-        load_policy(settings.policy_file)  # the worker would only learn when it starts, again and again
+    load_policy(settings.policy_file)  # reviews and a worker would only learn when they need it, again and again
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from importlib.metadata import version
+from typing import Annotated
 
 import typer
 
@@ -30,6 +32,22 @@ may run side by side. Every setting is an environment variable that begins with 
 )
 for _commands in (processes, evidence, maps, keys):  # the order of the help
     _commands.register(app)
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(version("slamcu-server"))
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    *,
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    pass
 
 
 def main() -> None:

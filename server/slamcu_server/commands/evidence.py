@@ -68,6 +68,9 @@ def recompute_trust(data_dir: DataDir = None) -> None:
     done = asyncio.run(run())
     if done is None:
         raise SlamcuError("another process is recomputing trust")
+    if done.version is None and not done.changed:
+        say("nothing to judge yet")
+        return
     for account, standing in done.contributors.items():
         counted = standing.counted
         typer.echo(f"{account}\t{standing.share:.2f}\t{counted.right}\t{counted.wrong}")
