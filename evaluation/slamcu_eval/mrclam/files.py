@@ -2,7 +2,7 @@
 
 Leung, Halpern, Barfoot, Liu: "The UTIAS multi-robot cooperative localization and mapping dataset", IJRR 2011.
 A session is a folder ``MRCLAM_DatasetN`` with ``Barcodes.dat``, ``Landmark_Groundtruth.dat`` and, per robot,
-``_Odometry.dat`` and ``_Measurement.dat``; ``RobotN_Reference.csv`` is a trajectory in place of their ground truth.
+``_Odometry.dat``, ``_Measurement.dat`` and ``_Groundtruth.dat``; a ``RobotN_Reference.csv`` stands for the last.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ WHERE_TO_GET = (
     "The recordings are not part of slamcu. Get the UTIAS MRCLAM dataset (Multi-Robot Cooperative Localization and "
     "Mapping) from the Autonomous Space Robotics Lab of the University of Toronto, for educational use, and unpack "
     "it so that the folder holds MRCLAM_Dataset1, MRCLAM_Dataset2, … each with Barcodes.dat, Landmark_Groundtruth.dat, "
-    "RobotN_Odometry.dat, RobotN_Measurement.dat and RobotN_Reference.csv (time_s, x_m, y_m, heading_rad)."
+    "RobotN_Odometry.dat, RobotN_Measurement.dat and RobotN_Groundtruth.dat, or in place of the last "
+    "RobotN_Reference.csv (time_s, x_m, y_m, heading_rad)."
 )
 
 
@@ -97,9 +98,15 @@ def read_odometry(folder: Path, robot: int) -> Iterator[tuple[float, float, floa
 
 
 def read_reference(folder: Path, robot: int) -> NDArray[np.float64]:
-    """Read the reference trajectory of a robot: (T, 4) of UNIX time in s, x and y in m, heading in rad."""
+    """Read the trajectory that a robot is scored by: (T, 4) of UNIX time in s, x and y in m, heading in rad.
+
+    That is `RobotN_Reference.csv` where there is one, else the dataset's own `RobotN_Groundtruth.dat`.
+    """
     path = folder / f"Robot{robot}_Reference.csv"
-    rows = [row for _, row in _ordered(path, ("time_s", "x_m", "y_m", "heading_rad"), separator=",")]
+    if not path.exists():
+        path = path.with_name(f"Robot{robot}_Groundtruth.dat")
+    separator = "," if path.suffix == ".csv" else None
+    rows = [row for _, row in _ordered(path, ("time_s", "x_m", "y_m", "heading_rad"), separator=separator)]
     if not rows:
         raise FormatError("expected at least one pose, found none", source=path.name)
     return np.array(rows, float)

@@ -60,6 +60,14 @@ def test_a_barcode_worn_twice_is_refused(tmp_path: Path) -> None:
         read_barcodes(tmp_path)
 
 
+def test_without_a_reference_the_published_ground_truth_is_read(tmp_path: Path) -> None:
+    (tmp_path / "Robot1_Groundtruth.dat").write_text("# time x y heading\n10.0  1.5 -2.5  0.1\n10.01  1.6 -2.5  0.2\n")
+    assert read_reference(tmp_path, 1).tolist() == [[10.0, 1.5, -2.5, 0.1], [10.01, 1.6, -2.5, 0.2]]
+    (tmp_path / "Robot1_Groundtruth.dat").unlink()
+    with pytest.raises(MissingRecordingError, match=r"Groundtruth\.dat"):
+        read_reference(tmp_path, 1)
+
+
 def test_an_empty_reference_is_refused(tmp_path: Path) -> None:
     (tmp_path / "Robot1_Reference.csv").write_text("time_s,x_m,y_m,heading_rad\n")
     with pytest.raises(FormatError, match="at least one pose"):
