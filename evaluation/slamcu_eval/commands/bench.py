@@ -76,7 +76,7 @@ def register(app: typer.Typer) -> None:
         only: Annotated[Part | None, typer.Option(help="Measure this part alone.")] = None,
         particles: Annotated[list[int] | None, typer.Option(min=2, help="Particles; may be given again.")] = None,
         rounds: Annotated[int, typer.Option(min=1, help="Rounds of what takes turns.")] = 5,
-        scale: Annotated[Scale, typer.Option(help="How far the curves go; full takes minutes.")] = Scale.SMALL,
+        scale: Annotated[Scale, typer.Option(help="How far the curves go; full takes an hour or more.")] = Scale.SMALL,
         requests: Annotated[int, typer.Option(min=4, max=100, help="Requests per round.")] = 40,
         messages: Annotated[int, typer.Option(min=20, help="Messages that wait per round of the aggregation.")] = 1_000,
         seed: Annotated[int, typer.Option(min=0, help="Seed of what is simulated.")] = 0,

@@ -55,10 +55,10 @@ def register(app: typer.Typer) -> None:
             console.print(acceptance_table(acceptance, world.name))
             _say(f"written: {out}/ {_PICTURE} (the road and its changes), {_RESULT}, {_FIGURES}")
             _say(f"{result.passes} passes in {result.messages} messages; {time.monotonic() - begun:.0f} s in all")
-            _how_to_look_further(cloud, acceptance, world.name, keep=keep)
             if keep:
+                _how_to_look_further(cloud, acceptance, world.name)
                 _serve_on(cloud)
-        _say("the server has stopped, and its data are gone")
+        _say("the server has stopped, and its data are gone" + ("" if keep else "; KEEP=1 make demo leaves it running"))
 
 
 def _about(world: World, vehicles: int) -> str:
@@ -92,13 +92,13 @@ def _write(result: FleetResult, out: Path) -> None:
     write_json(out / _FIGURES, demo_figures(result))
 
 
-def _how_to_look_further(cloud: Cloud, acceptance: Acceptance, map_name: str, *, keep: bool) -> None:
+def _how_to_look_further(cloud: Cloud, acceptance: Acceptance, map_name: str) -> None:
     change = acceptance.change["id"]
     lon, lat = acceptance.change["geometry"]["coordinates"][:2]
     box = f"{lon - 0.01:.4f},{lat - 0.01:.4f},{lon + 0.01:.4f},{lat + 0.01:.4f}"
     source = quote(map_name, safe="")
     lines = [
-        "To look further as a map provider:" if keep else "To look further, run it with KEEP=1; as a map provider:",
+        "To look further as a map provider:",
         f"  export KEY={cloud.provider_key} URL={cloud.url}",
         '  curl -sH "Authorization: Bearer $KEY" "$URL/v1/changes?state=confirmed&limit=5"   # what has changed',
         f'  curl -sH "Authorization: Bearer $KEY" $URL/v1/changes/{change}   # the evidence behind a change',
