@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
+import tarfile
 import tomllib
+import zipfile
 from collections.abc import Iterator
 from importlib import metadata
 from pathlib import Path
@@ -131,3 +135,24 @@ def test_a_car_installs_no_server_and_nothing_but_numpy_httpx_and_protobuf() -> 
     needed = _closure(["numpy", "httpx", "protobuf"])
     assert brought == needed | {"slamcu-core", "slamcu-client"}
     assert not brought & {"slamcu-server", "fastapi", "sqlalchemy", "pydantic", "uvicorn"}
+
+
+@pytest.mark.parametrize("name", PROJECTS)
+def test_a_source_archive_is_whole(name: str, tmp_path: Path) -> None:
+    """The wheel that is built from it, as packagers do, holds the code, the licence and what it needs beside them."""
+    _build(PROJECTS[name].parent, "sdist", tmp_path)
+    (archive,) = tmp_path.glob("*.tar.gz")
+    with tarfile.open(archive) as source:
+        source.extractall(tmp_path, filter="data")
+    _build(tmp_path / archive.name.removesuffix(".tar.gz"), "wheel", tmp_path)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as built:
+        files = {path.split("/", 1)[1]: built.read(path) for path in built.namelist()}
+    assert files["licenses/LICENSE"] == (ROOT / "LICENSE").read_bytes()
+    assert b"\nDescription-Content-Type: text/markdown" in files["METADATA"]
+    assert "py.typed" in files
+    assert ("migrations/env.py" in files) == (name == "slamcu-server")
+
+
+def _build(project: Path, target: str, into: Path) -> None:
+    subprocess.run([sys.executable, "-m", "hatchling", "build", "-t", target, "-d", into], cwd=project, check=True)
