@@ -255,6 +255,7 @@ def test_the_worker_alone_starts_and_stops(server_environment: dict[str, str]) -
         ),
         (["worker"], {"SLAMCU_DATABASE_URL": "postgresql://nobody@127.0.0.1:1/x"}, "not reachable"),
         (["serve"], {"SLAMCU_POLICY_FILE": "/nonexistent.json"}, "/nonexistent.json"),
+        (["serve", "--no-worker"], {"SLAMCU_POLICY_FILE": "/nonexistent.json"}, "/nonexistent.json"),
         (["serve", "--host", "host.invalid"], {}, "host.invalid"),
         (["serve", "--data-dir", "/dev/null/x"], {"SLAMCU_DATABASE_URL": ""}, "SLAMCU_DATA_DIR"),
     ],
