@@ -22,6 +22,7 @@ from slamcu_client.retry import RetryPolicy
 from slamcu_client.server import Server
 from slamcu_client.session import VehicleSession
 from slamcu_client.transport import HttpxTransport, Request, Response, Transport
+from slamcu_client.upload_health import UploadHealth
 from slamcu_client.uploader import Uploader, UploadPolicy, UploadResult
 
 __all__ = [
@@ -49,6 +50,7 @@ __all__ = [
     "SessionState",
     "Transport",
     "TransportError",
+    "UploadHealth",
     "UploadPolicy",
     "UploadResult",
     "Uploader",

@@ -13,6 +13,7 @@ from slamcu_client.atomic_file import replacing
 from slamcu_client.errors import AnswerError, AuthenticationError, MapUnavailableError, TransportError
 from slamcu_client.files import load_map_file
 from slamcu_client.map_pages import BoundingBox, MapPage, fetch_pages
+from slamcu_client.received import parse_json
 from slamcu_client.server import Server
 from slamcu_core.errors import FormatError
 from slamcu_core.hd_map import HDMap
@@ -122,7 +123,7 @@ class MapCache:
     def _read(self) -> _Stored | None:
         """Read the cache file; None if there is none, or if it is of another map or not of this format."""
         try:
-            document: Any = json.loads(self.path.read_bytes())
+            document: Any = parse_json(self.path.read_bytes())
             about = document["slamcu_cache"]
             if about["format"] != _FORMAT or any(about[key] != value for key, value in self._source.items()):
                 return None

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote, urlencode, urlsplit
 
 from slamcu_client.errors import AnswerError
+from slamcu_client.received import parse_json
 from slamcu_client.server import Server, refuse_unauthorized, unexpected
 from slamcu_client.transport import Request, Response
 
@@ -85,7 +85,7 @@ def _read_page(query: str, request: Request, response: Response) -> MapPage:
     if response.status != 200:
         raise unexpected(request, response)
     try:
-        document = json.loads(response.content)
+        document = parse_json(response.content)
         features, identity, link = document["features"], document["map"], document.get("next")
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise AnswerError("the server's answer is no page of a map", request, response) from error

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 
+from slamcu_client.received import one_line, parse_json
 from slamcu_client.server import is_problem
 from slamcu_client.transport import Response
 
@@ -27,12 +27,13 @@ def read_receipt(response: Response, count: int) -> Receipt | None:
     if response.status not in {200, 202} and not refused_all:
         return None
     try:
-        document = json.loads(response.content)
+        document = parse_json(response.content)
         accepted, duplicates = document["accepted"], document["duplicates"]
         rejected = tuple(
-            (item["index"], str(item["reason"]), str(item.get("detail") or "")) for item in document["rejected"]
+            (item["index"], one_line(str(item["reason"])), one_line(str(item.get("detail") or "")))
+            for item in document["rejected"]
         )
-    except (ValueError, TypeError, KeyError, AttributeError):
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
     indices = [index for index, _, _ in rejected]
     numbers = [accepted, duplicates, *indices]

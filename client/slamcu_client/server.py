@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from types import TracebackType
 from typing import Self
 from urllib.parse import urlencode, urlsplit
 
 from slamcu_client.errors import AnswerError, AuthenticationError, ConnectionSettingsError
+from slamcu_client.received import one_line, parse_json
 from slamcu_client.transport import HttpxTransport, Request, Response, Transport
 from slamcu_client.version import SOFTWARE_VERSION
 
 _PROBLEM = "application/problem+json"
-_TEXT_LIMIT = 300
 
 
 class Server:
@@ -90,13 +89,11 @@ def describe(response: Response) -> str:
     text = ""
     if is_problem(response):
         try:
-            document = json.loads(response.content)
-        except ValueError:
-            document = None
-        if isinstance(document, dict):
+            document = parse_json(response.content)
             text = ": ".join(str(document[name]) for name in ("title", "detail") if document.get(name))
-    # one line: the server's words must not be able to forge others in a log
-    text = " ".join(text.split())[:_TEXT_LIMIT]
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            text = ""
+    text = one_line(text)
     return f"the server answered {response.status}" + (f", {text}" if text else "")
 
 

@@ -13,12 +13,13 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from slamcu_client.errors import ClientError, TransportError
+from slamcu_client.errors import AnswerError, ClientError, TransportError
 from slamcu_client.outbox import Outbox, OutboxMessage
 from slamcu_client.receipt import Receipt, read_receipt
 from slamcu_client.retry import Failure, RetryDecision, RetryPolicy, retry_decision
 from slamcu_client.server import Server, describe, is_problem, refuse_unauthorized, unexpected
 from slamcu_client.transport import Request, Response
+from slamcu_client.upload_health import UploadHealth
 from slamcu_core.sensoris import join_batch
 
 _PATH = "/v1/data-messages"
@@ -82,6 +83,7 @@ class Uploader:
         self._failures = 0  # in a row
         self._server_errors = 0  # 500s in a row over one and the same message
         self._accepted = self._duplicates = self._rejected = 0
+        self._health = UploadHealth()
         self._one_at_a_time = threading.Lock()
 
     @property
@@ -89,8 +91,13 @@ class Uploader:
         """What this uploader has achieved since it was made."""
         return UploadResult(self._accepted, self._duplicates, self._rejected, self._outbox.stats().pending)
 
+    @property
+    def health(self) -> UploadHealth:
+        """Whether messages get through now, and what kept them back last."""
+        return self._health
+
     def run(self, stop: threading.Event) -> None:
-        """Upload until `stop` is set.
+        """Upload until `stop` is set, whatever the network does meanwhile: what fails is tried again; see `health`.
 
         Raises AuthenticationError or another AnswerError if the server refuses the vehicle or the address is wrong,
         OutboxError if the disk fails. What waits stays in the outbox.
@@ -144,29 +151,41 @@ class Uploader:
     def _step(self) -> float | None:
         """Send one batch; return the seconds to wait before the next, or None if there is nothing to send."""
         with self._one_at_a_time:
-            batch = self._outbox.pending(self._batch_limit, self._policy.max_bytes)
-            if not batch:
-                return None
-            self._outbox.attempt(message.key for message in batch)
             try:
-                request, response = self._server.exchange(
-                    "POST",
-                    _PATH,
-                    headers={
-                        "Content-Type": "application/x-protobuf",
-                        "Content-Encoding": "gzip",
-                        "Accept": "application/json",
-                    },
-                    content=gzip.compress(join_batch([message.body for message in batch]), 6, mtime=0),
-                )
-            except TransportError as error:
-                _log.info("%s", error)
-                return self._decide(Failure(fault=error.fault)).wait_s
-            receipt = read_receipt(response, len(batch))
-            if receipt is not None:
-                self._settle(batch, receipt)
-                return 0.0
-            return self._refused(batch, request, response)
+                return self._send()
+            except ClientError as error:
+                self._health = self._health.after_failure(str(error), refused=isinstance(error, AnswerError))
+                raise
+            except Exception as error:  # noqa: BLE001  (nothing that one answer brings about may end the thread)
+                _log.exception("the upload failed unexpectedly and will be tried again")
+                self._health = self._health.after_failure(f"{type(error).__name__}: {error}", unexpected=True)
+                return self._decide(Failure()).wait_s
+
+    def _send(self) -> float | None:
+        batch = self._outbox.pending(self._batch_limit, self._policy.max_bytes)
+        if not batch:
+            return None
+        self._outbox.attempt(message.key for message in batch)
+        try:
+            request, response = self._server.exchange(
+                "POST",
+                _PATH,
+                headers={
+                    "Content-Type": "application/x-protobuf",
+                    "Content-Encoding": "gzip",
+                    "Accept": "application/json",
+                },
+                content=gzip.compress(join_batch([message.body for message in batch]), 6, mtime=0),
+            )
+        except TransportError as error:
+            _log.info("%s", error)
+            self._health = self._health.after_failure(str(error))
+            return self._decide(Failure(fault=error.fault)).wait_s
+        receipt = read_receipt(response, len(batch))
+        if receipt is not None:
+            self._settle(batch, receipt)
+            return 0.0
+        return self._refused(batch, request, response)
 
     def _settle(self, batch: list[OutboxMessage], receipt: Receipt) -> None:
         bad = {index for index, _, _ in receipt.rejected}
@@ -180,6 +199,7 @@ class Uploader:
         self._duplicates += receipt.duplicates
         self._rejected += len(receipt.rejected)
         self._failures = self._server_errors = 0
+        self._health = self._health.after_success()
         # grow slowly: twice the size would run into the same 413 again and again
         self._batch_limit = min(self._batch_limit + self._batch_limit // 8 + 1, self._policy.max_messages)
 
@@ -201,6 +221,7 @@ class Uploader:
         decision = self._decide(Failure(status=response.status, retry_after=response.headers.get("retry-after")))
         if not decision.retriable:
             raise unexpected(request, response)
+        self._health = self._health.after_failure(describe(response))
         return decision.wait_s
 
     def _isolate(self, batch: list[OutboxMessage]) -> None:

@@ -179,7 +179,13 @@ def test_the_copy_serves_offline(town: Town, cache: MapCache, fake, faults, tmp_
 
 @pytest.mark.parametrize(
     "nonsense",
-    [b"<html>Welcome</html>", b"[]", b'{"features": 3, "map": {}}', b'{"features": [], "map": {}, "next": 7}'],
+    [
+        b"<html>Welcome</html>",
+        b"[]",
+        b"[" * 200_000,
+        b'{"features": 3, "map": {}}',
+        b'{"features": [], "map": {}, "next": 7}',
+    ],
 )
 def test_nonsense_from_a_hotspot_does_not_harm_the_copy(fake, faults, town: Town, cache, nonsense: bytes) -> None:
     cache.refresh()

@@ -57,6 +57,9 @@ def test_waits_differ_from_car_to_car() -> None:
         (format_datetime(NOW - timedelta(hours=1), usegmt=True), 0.5, 1.0),  # past: the usual wait
         ("999999999999999999999999", 3600.0, 3960.0),  # no wrong clock may silence a car
         ("soon", 0.5, 1.0),
+        ("Mon, 01 Jan 2024 00:00:00 +99999999999999", 0.5, 1.0),  # an offset that no date can have
+        ("Mon, 01 Jan 0000 00:00:00 GMT", 0.5, 1.0),
+        ("Mon, 99999999999999999999 Jan 1", 0.5, 1.0),
         ("-5", 0.5, 1.0),
         ("", 0.5, 1.0),
         ("²", 0.5, 1.0),  # a digit to Python, not to HTTP
@@ -67,6 +70,11 @@ def test_retry_after_is_a_lower_bound(status: int, header: str, at_least: float,
     decision = decide(Failure(status=status, retry_after=header))
     assert decision.retriable
     assert at_least <= decision.wait_s <= at_most
+
+
+@given(st.text() | st.from_regex(r"(Mon, )?\d+ [A-Z][a-z]{2} \d+ \d+:\d+(:\d+)? ([+-]\d+|GMT)", fullmatch=True))
+def test_no_retry_after_is_too_odd(header: str) -> None:
+    assert 0.5 <= decide(Failure(status=503, retry_after=header)).wait_s <= 3960.0
 
 
 def test_backoff_longer_than_retry_after_stands() -> None:

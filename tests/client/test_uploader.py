@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import socket
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,8 @@ from slamcu_client import (
     AuthenticationError,
     ConnectionSettingsError,
     Outbox,
+    Request,
+    Response,
     RetryPolicy,
     Server,
     Uploader,
@@ -34,6 +37,14 @@ def encode(session: str = "s") -> Callable[[int], bytes]:
 def fill(outbox: Outbox, count: int, session: str = "s") -> dict[tuple[str, int], bytes]:
     ids = outbox.put(session, [encode(session)] * count)
     return {(session, message_id): encode(session)(message_id) for message_id in ids}
+
+
+def wait_until(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:
+    """Wait for a thread; fail if it takes too long."""
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, "nothing happened"
+        time.sleep(0.005)
 
 
 @pytest.fixture
@@ -106,6 +117,8 @@ def test_retry_after_is_heeded(fake, faults, outbox, uploader) -> None:
         (202, {"accepted": -1, "duplicates": 4, "rejected": []}),
         (202, [3]),
         (204, b""),
+        (202, b"[" * 200_000),
+        (202, {"accepted": 2, "duplicates": 0, "rejected": [{"index": 0, "reason": "x", "detail": 9 * [[]]}] * 2}),
     ],
 )
 def test_an_answer_that_does_not_account_for_the_batch_acknowledges_nothing(
@@ -152,6 +165,68 @@ def test_a_server_that_takes_only_small_batches_gets_them(fake, outbox, uploader
     assert outbox.stats().rejected == 0
 
 
+@pytest.mark.parametrize(
+    "answer",
+    [
+        {"headers": {"Retry-After": "Mon, 01 Jan 2024 00:00:00 +99999999999999"}, "document": b""},
+        {"headers": {"Content-Type": "application/problem+json"}, "document": b"[" * 200_000},
+        {"headers": {"Content-Type": "application/problem+json"}, "document": {"title": "\ud800", "detail": [[{}]]}},
+    ],
+)
+def test_an_odd_answer_does_not_end_the_upload(fake, faults, outbox, uploader, answer: dict[str, object]) -> None:
+    sent = fill(outbox, 3)
+    fake.faults.append(faults.say(faults.Answer(503, **answer)))
+    with uploader.in_background():
+        wait_until(lambda: len(fake.stored) == 3)
+    assert fake.stored == sent
+    assert (uploader.health.failures, uploader.health.unexpected) == (1, 0), "foreseen, and no error of ours"
+
+
+def test_the_servers_words_are_stored_as_one_printable_line(fake, outbox, uploader) -> None:
+    fill(outbox, 1)
+    fake.poison = lambda _body: ("\ud800bad\r\nposition", "lat\x1b[2J 91 \u202e" + 1000 * "x")
+    assert uploader.flush(30.0).rejected == 1
+    (bad,) = outbox.rejected()
+    assert bad.reason == "bad position"
+    assert bad.detail.startswith("lat [2J 91 xxx")
+    assert len(bad.detail) == 300
+
+
+class Broken:
+    """A transport that fails as none should, and works again when it is told to."""
+
+    def __init__(self, answer: Callable[[], Response]) -> None:
+        self.answer = answer
+
+    def send(self, request: Request) -> Response:
+        return self.answer()
+
+    def close(self) -> None:
+        """Hold nothing."""
+
+
+def test_a_failure_that_nobody_foresaw_is_told_and_tried_again(outbox, caplog) -> None:
+    fill(outbox, 2)
+    answers = [ZeroDivisionError("what\nnow"), Response(202, {}, b'{"accepted": 2, "duplicates": 0, "rejected": []}')]
+
+    def answer() -> Response:
+        one = answers.pop(0)
+        if isinstance(one, Exception):
+            assert not uploader.health.failing
+            raise one
+        assert (uploader.health.failing, uploader.health.refused) == (True, False)
+        return one
+
+    uploader = Uploader(outbox, Server("http://localhost", "key", Broken(answer)), IMPATIENT)
+    with uploader.in_background():
+        wait_until(lambda: outbox.stats().pending == 0)
+    health = uploader.health
+    assert (health.failing, health.failures, health.unexpected) == (False, 1, 1)
+    assert health.last_failure == "ZeroDivisionError: what now"
+    assert health.last_failure_at is not None
+    assert "Traceback" in caplog.text
+
+
 def test_a_message_that_the_server_trips_over_lets_the_others_pass(fake, faults, outbox, uploader) -> None:
     sent = fill(outbox, 9)
     fake.poison = lambda body: faults.problem(500) if faults.ids_of(body)[1] == 1 else None
@@ -174,6 +249,8 @@ def test_a_key_that_is_not_accepted_stops_the_upload_and_keeps_the_data(fake, ou
         assert "wrong-key" not in f"{caught.value} {caught.value.request!r}", "keys stay out of logs"
         with pytest.raises(AuthenticationError):
             uploader.run(threading.Event())
+        assert uploader.health.refused
+        assert "API key is not accepted" in uploader.health.last_failure
         with pytest.raises(AuthenticationError), uploader.in_background():
             pass
     assert outbox.stats().pending == 3
