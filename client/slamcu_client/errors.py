@@ -83,7 +83,7 @@ class AnswerError(ClientError):
 
 
 class AuthenticationError(AnswerError):
-    """The server does not accept the API key (401) or does not let it do this (403)."""
+    """The server itself does not accept the API key (401) or does not let it do this (403)."""
 
 
 class MapUnavailableError(ClientError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -10,15 +11,19 @@ from pathlib import Path
 from typing import Any
 
 from slamcu_client.atomic_file import replacing
-from slamcu_client.errors import AnswerError, AuthenticationError, MapUnavailableError, TransportError
+from slamcu_client.errors import AnswerError, MapUnavailableError, TransportError
 from slamcu_client.files import load_map_file
 from slamcu_client.map_pages import BoundingBox, MapPage, fetch_pages
 from slamcu_client.received import parse_json
-from slamcu_client.server import Server
+from slamcu_client.retry import SAYS_AGAIN
+from slamcu_client.server import Server, is_own_problem
+from slamcu_client.transport import Response
 from slamcu_core.errors import FormatError
+from slamcu_core.formats import load_hd_map
 from slamcu_core.hd_map import HDMap
 
 _FORMAT = 1
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +40,7 @@ class _Stored:
     """The cache file, taken apart into the pages it came in."""
 
     pages: tuple[MapPage, ...]
+    hd_map: HDMap
     fetched_at: datetime
 
 
@@ -69,24 +75,23 @@ class MapCache:
     def refresh(self) -> MapSnapshot:
         """Fetch what has changed since the last time, store it, and return the map.
 
-        If the server cannot be reached, is too busy or broken, the cached copy is returned with `fresh` False.
+        If the server cannot be reached, is too busy or broken, or something else answers in its place, the cached copy
+        is returned with `fresh` False. A copy that cannot be used is none.
 
-        Raises MapUnavailableError if there is no cached copy then, AuthenticationError if the key is not accepted,
-        AnswerError if the server does not have that map, and OSError if the file cannot be written.
+        Raises MapUnavailableError if there is no cached copy then, AuthenticationError if the server itself does not
+        accept the key, AnswerError if it does not have that map, and OSError if the file cannot be written.
         """
         stored = self._read()
         try:
             pages = fetch_pages(self._server, self._name, self._bbox, stored.pages if stored else ())
-        except AuthenticationError:
-            raise
         except (TransportError, AnswerError) as error:
-            if isinstance(error, AnswerError) and 400 <= error.response.status < 500 and error.response.status != 429:
+            if isinstance(error, AnswerError) and _is_refusal(error.response):
                 raise
             if stored is None:
                 raise MapUnavailableError(f"there is no copy of the map in {self.path}, and {error}") from error
-            return MapSnapshot(load_map_file(self.path), stored.fetched_at, fresh=False)
+            return MapSnapshot(stored.hd_map, stored.fetched_at, fresh=False)
         if stored is not None and pages == stored.pages:
-            return MapSnapshot(load_map_file(self.path), stored.fetched_at, fresh=True)
+            return MapSnapshot(stored.hd_map, stored.fetched_at, fresh=True)
         return self._store(pages)
 
     def load(self) -> MapSnapshot:
@@ -94,7 +99,7 @@ class MapCache:
         stored = self._read()
         if stored is None:
             raise MapUnavailableError(f"there is no copy of the map {self._name} in {self.path}")
-        return MapSnapshot(load_map_file(self.path), stored.fetched_at, fresh=False)
+        return MapSnapshot(stored.hd_map, stored.fetched_at, fresh=False)
 
     def _store(self, pages: tuple[MapPage, ...]) -> MapSnapshot:
         fetched_at = datetime.now(UTC)
@@ -121,9 +126,10 @@ class MapCache:
         return MapSnapshot(hd_map, fetched_at, fresh=True)
 
     def _read(self) -> _Stored | None:
-        """Read the cache file; None if there is none, or if it is of another map or not of this format."""
+        """Read the cache file; None if there is none that can be used, or if it is of another map or format."""
         try:
-            document: Any = parse_json(self.path.read_bytes())
+            content = self.path.read_bytes()
+            document: Any = parse_json(content)
             about = document["slamcu_cache"]
             if about["format"] != _FORMAT or any(about[key] != value for key, value in self._source.items()):
                 return None
@@ -133,11 +139,20 @@ class MapCache:
                 features = tuple(document["features"][start : start + page["features"]])
                 start += page["features"]
                 pages.append(MapPage(page["query"], page["etag"], page["next"], document["map"], features))
-            return _Stored(tuple(pages), datetime.fromisoformat(about["fetched_at"]))
+            # read as a map too: with its ETags a copy that is none would be confirmed by the server again and again
+            hd_map = load_hd_map([content], source=str(self.path))
+            return _Stored(tuple(pages), hd_map, datetime.fromisoformat(about["fetched_at"]))
         except FileNotFoundError:
+            return None
+        except FormatError as error:
+            _log.warning("the copy of the map cannot be used: %s", error)
             return None
         except (ValueError, TypeError, KeyError):
             return None
+
+
+def _is_refusal(response: Response) -> bool:
+    return is_own_problem(response) and 400 <= response.status < 500 and response.status not in SAYS_AGAIN
 
 
 def _dump(value: object) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from slamcu_client.received import one_line, parse_json
-from slamcu_client.server import is_problem
+from slamcu_client.server import is_own_problem
 from slamcu_client.transport import Response
 
 
@@ -23,7 +23,7 @@ def read_receipt(response: Response, count: int) -> Receipt | None:
 
     A hotspot or proxy may answer 200 with a page of its own: taking that for a receipt would lose the batch.
     """
-    refused_all = response.status == 422 and is_problem(response)  # a problem document with the same members
+    refused_all = response.status == 422 and is_own_problem(response)  # a problem document with the same members
     if response.status not in {200, 202} and not refused_all:
         return None
     try:

@@ -28,6 +28,7 @@ class Failure:
     fault: Fault | None = None
     status: int | None = None
     retry_after: str | None = None  # as in the header: seconds or an HTTP date
+    own: bool = False  # the answer is a problem document of the server itself
 
 
 class RetryDecision(NamedTuple):
@@ -37,8 +38,8 @@ class RetryDecision(NamedTuple):
     wait_s: float
 
 
-# 408, 425: the server itself says "again"; the redirects and the 2xx come from hotspots in front of it
-_RETRIABLE_CLIENT_ERRORS = frozenset({408, 425, 429})
+SAYS_AGAIN = frozenset({408, 425, 429})
+"""The statuses of the 4xx with which a server asks for the same request later."""
 
 
 def retry_decision(
@@ -51,9 +52,10 @@ def retry_decision(
 ) -> RetryDecision:
     """Decide whether an attempt that failed is worth repeating.
 
-    Faults on the way, 429, 5xx and answers that cannot come from the server (1xx to 3xx) are; other 4xx are not. The
-    wait doubles from `policy.first_wait_s` to `policy.longest_wait_s` with a jitter of half of it; a Retry-After
-    header is a lower bound (with 10 % of jitter on top, so that a fleet does not come back at one instant).
+    Everything is but a 4xx of the server itself: a hotspot or proxy in front of it may answer with any status, and is
+    left behind sooner or later. The wait doubles from `policy.first_wait_s` to `policy.longest_wait_s` with a jitter of
+    half of it; a Retry-After header is a lower bound (with 10 % of jitter on top, so that a fleet does not come back at
+    one instant).
 
     Parameters
     ----------
@@ -63,7 +65,7 @@ def retry_decision(
     now : the present, for a Retry-After that is a date.
     """
     status = failure.status
-    if status is not None and 400 <= status < 500 and status not in _RETRIABLE_CLIENT_ERRORS:
+    if failure.own and status is not None and 400 <= status < 500 and status not in SAYS_AGAIN:
         return RetryDecision(False, 0.0)
     doublings = min(max(attempt - 1, 0), 62)
     backoff = min(policy.first_wait_s * 2.0**doublings, policy.longest_wait_s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 from urllib.parse import urlencode, urlsplit
 
 from slamcu_client.errors import AnswerError, AuthenticationError, ConnectionSettingsError
@@ -13,6 +13,7 @@ from slamcu_client.transport import HttpxTransport, Request, Response, Transport
 from slamcu_client.version import SOFTWARE_VERSION
 
 _PROBLEM = "application/problem+json"
+_OWN_TYPE = "urn:slamcu:problem:"
 
 
 class Server:
@@ -79,26 +80,37 @@ class Server:
         return request, self._transport.send(request)
 
 
-def is_problem(response: Response) -> bool:
-    """Tell whether an answer is a problem document (RFC 9457), so that it comes from the server and no middleman."""
-    return response.headers.get("content-type", "").split(";")[0].strip().lower() == _PROBLEM
+def is_own_problem(response: Response) -> bool:
+    """Tell whether an answer is a problem document of a slamcu server, and not of a hotspot or proxy in front of it.
+
+    Only such an answer may end an upload, reject a message or say that there is no such map.
+    """
+    kind = _problem(response).get("type")
+    return isinstance(kind, str) and kind.startswith(_OWN_TYPE)
+
+
+def _problem(response: Response) -> dict[str, Any]:
+    """Return the members of a problem document (RFC 9457), whoever made it; none if the answer is something else."""
+    if response.headers.get("content-type", "").split(";")[0].strip().lower() != _PROBLEM:
+        return {}
+    try:
+        document = parse_json(response.content)
+    except ValueError:
+        return {}
+    return document if isinstance(document, dict) else {}
 
 
 def describe(response: Response) -> str:
     """Say in one line what the server objects to."""
-    text = ""
-    if is_problem(response):
-        try:
-            document = parse_json(response.content)
-            text = ": ".join(str(document[name]) for name in ("title", "detail") if document.get(name))
-        except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
-            text = ""
-    text = one_line(text)
+    document = _problem(response)
+    text = one_line(": ".join(part for name in ("title", "detail") if isinstance(part := document.get(name), str)))
     return f"the server answered {response.status}" + (f", {text}" if text else "")
 
 
 def refuse_unauthorized(request: Request, response: Response) -> None:
-    """Raise AuthenticationError if the server answered 401 or 403."""
+    """Raise AuthenticationError if the server itself answered 401 or 403."""
+    if not is_own_problem(response):
+        return
     if response.status == 401:
         raise AuthenticationError(f"the API key is not accepted ({describe(response)})", request, response)
     if response.status == 403:

@@ -14,7 +14,7 @@ class UploadHealth:
     """Whether messages get through, and what kept them back last."""
 
     failing: bool = False  # the newest attempt failed; False before the first
-    refused: bool = False  # and will not be repeated: the server itself refuses the vehicle or the address
+    refused: bool = False  # and will not be repeated: the server itself refuses the vehicle or the request
     failures: int = 0  # attempts that failed, in all
     unexpected: int = 0  # of them, those that nobody foresaw; the log has their tracebacks
     last_failure: str = ""  # what happened, in one line for people; kept when a later attempt succeeds

@@ -17,12 +17,14 @@ from slamcu_client.errors import AnswerError, ClientError, TransportError
 from slamcu_client.outbox import Outbox, OutboxMessage
 from slamcu_client.receipt import Receipt, read_receipt
 from slamcu_client.retry import Failure, RetryDecision, RetryPolicy, retry_decision
-from slamcu_client.server import Server, describe, is_problem, refuse_unauthorized, unexpected
+from slamcu_client.server import Server, describe, is_own_problem, refuse_unauthorized, unexpected
 from slamcu_client.transport import Request, Response
 from slamcu_client.upload_health import UploadHealth
 from slamcu_core.sensoris import join_batch
 
 _PATH = "/v1/data-messages"
+# what a server that trips over one message says, or a proxy that dislikes one, or their number
+_OVER_CONTENT = frozenset({400, 403, 413, 422, 500})
 _log = logging.getLogger(__name__)
 
 
@@ -33,7 +35,7 @@ class UploadPolicy:
     max_messages: int = 100  # per request
     max_bytes: int = 512 * 1024  # per request, before compression
     idle_s: float = 2.0  # how often an empty outbox is looked at
-    failures_before_put_off: int = 3  # 500s over one message before others go first
+    failures_before_put_off: int = 3  # answers over one message before others go first
     retry: RetryPolicy = field(default_factory=RetryPolicy)
 
 
@@ -81,7 +83,7 @@ class Uploader:
         self._rng = np.random.default_rng() if rng is None else rng
         self._batch_limit = policy.max_messages
         self._failures = 0  # in a row
-        self._server_errors = 0  # 500s in a row over one and the same message
+        self._server_errors = 0  # in a row over one and the same message
         self._accepted = self._duplicates = self._rejected = 0
         self._health = UploadHealth()
         self._one_at_a_time = threading.Lock()
@@ -99,7 +101,7 @@ class Uploader:
     def run(self, stop: threading.Event) -> None:
         """Upload until `stop` is set, whatever the network does meanwhile: what fails is tried again; see `health`.
 
-        Raises AuthenticationError or another AnswerError if the server refuses the vehicle or the address is wrong,
+        Raises AuthenticationError or another AnswerError if the server itself refuses the vehicle or the request,
         OutboxError if the disk fails. What waits stays in the outbox.
         """
         while not stop.is_set():
@@ -207,25 +209,26 @@ class Uploader:
         """Act on an answer that settles nothing; return the seconds to wait."""
         refuse_unauthorized(request, response)
         _log.info("%s %s: %s", request.method, request.url, describe(response))
-        # 413: too much at once. 400, 422: one bad message spoils the batch; only the server itself can say that of a
-        # message, not some proxy in between.
-        if response.status == 413 or (response.status in {400, 422} and is_problem(response)):
+        own = is_own_problem(response)
+        # 413: too much at once. 400, 422: one bad message spoils the batch
+        if own and response.status in {400, 413, 422}:
             if len(batch) > 1:
                 self._batch_limit = len(batch) // 2
             else:
                 reason = "too-large" if response.status == 413 else "refused"
                 self._settle(batch, Receipt(0, 0, ((0, reason, describe(response)),)))
             return 0.0
-        if response.status == 500:
+        if response.status in _OVER_CONTENT:
             self._isolate(batch)
-        decision = self._decide(Failure(status=response.status, retry_after=response.headers.get("retry-after")))
+        retry_after = response.headers.get("retry-after")
+        decision = self._decide(Failure(status=response.status, retry_after=retry_after, own=own))
         if not decision.retriable:
             raise unexpected(request, response)
         self._health = self._health.after_failure(describe(response))
         return decision.wait_s
 
     def _isolate(self, batch: list[OutboxMessage]) -> None:
-        """Close in on the one message that the server may be failing over, and let the others go before it."""
+        """Close in on the one message that somebody may be failing over, and let the others go before it."""
         if len(batch) > 1:
             self._batch_limit = len(batch) // 2
             return

@@ -44,7 +44,20 @@ Fault = Callable[["FakeServer", "list[bytes]"], "Answer | None"]
 
 
 def problem(status: int, title: str = "Nothing doing", **headers: str) -> Answer:
-    return Answer(status, {"title": title, "status": status}, {"Content-Type": "application/problem+json", **headers})
+    document = {"type": "urn:slamcu:problem:of-a-test", "title": title, "status": status}
+    return Answer(status, document, {"Content-Type": "application/problem+json", **headers})
+
+
+def middleman(status: int) -> list[Answer]:
+    """Return what hotspots, proxies and firewalls answer with a status in the server's place."""
+    return [
+        Answer(status, b"<html>Please log in</html>", {"Content-Type": "text/html"}),
+        Answer(status, b"", {}),
+        Answer(status, {"type": "about:blank", "title": "No"}, {"Content-Type": "application/problem+json"}),
+        Answer(status, {"type": "https://proxy.example/no"}, {"Content-Type": "application/problem+json"}),
+        Answer(status, {"type": "urn:slamcu:problem:x"}, {"Content-Type": "text/html"}),
+        Answer(status, b"{", {"Content-Type": "application/problem+json"}),
+    ]
 
 
 def hang_up(_server: FakeServer, _bodies: list[bytes]) -> None:
@@ -107,7 +120,9 @@ class FakeServer(ThreadingHTTPServer):
         self.duplicates += duplicates
         receipt = {"accepted": accepted, "duplicates": duplicates, "rejected": rejected}
         if rejected and not accepted and not duplicates:
-            return Answer(422, {"title": "Nothing accepted", **receipt}, {"Content-Type": "application/problem+json"})
+            answer = problem(422, "Nothing accepted")
+            answer.document |= receipt
+            return answer
         return Answer(202, receipt)
 
 
@@ -176,6 +191,7 @@ class Faults:
 
     Answer = Answer
     problem = staticmethod(problem)
+    middleman = staticmethod(middleman)
     say = staticmethod(say)
     hang_up = staticmethod(hang_up)
     store_and_hang_up = staticmethod(store_and_hang_up)

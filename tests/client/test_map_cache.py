@@ -214,6 +214,21 @@ def test_an_unknown_map_and_a_wrong_key_are_errors_even_with_a_copy(fake, faults
         cache.refresh()
 
 
+@pytest.mark.parametrize("status", [302, 400, 401, 403, 404, 407, 408, 451, 511])
+def test_what_a_middleman_says_leaves_the_copy(fake, faults, town: Town, cache, status: int) -> None:
+    for answer in faults.middleman(status):
+        fake.pages = lambda _query, _headers, answer=answer: answer
+        cache.path.unlink(missing_ok=True)
+        with pytest.raises(MapUnavailableError, match=f"no copy of the map .* answered {status}"):
+            cache.refresh()
+        fake.pages = town
+        cache.refresh()
+        fake.pages = lambda _query, _headers, answer=answer: answer
+        snapshot = cache.refresh()
+        assert not snapshot.fresh
+        assert object_ids(snapshot.hd_map) == WHOLE
+
+
 def test_pages_that_go_in_circles_end(fake, faults, cache: MapCache) -> None:
     fake.pages = lambda _query, _headers: faults.Answer(
         200, {"features": [], "map": {"source": "town"}, "next": "?watch=true"}
@@ -227,8 +242,16 @@ def test_the_key_stays_with_its_server(town: Town, cache: MapCache) -> None:
     assert object_ids(cache.refresh().hd_map) == WHOLE
 
 
-def test_a_damaged_copy_is_fetched_anew(town: Town, cache: MapCache) -> None:
+@pytest.mark.parametrize("damage", [lambda text: text[:-40], lambda text: text.replace("48.9]", "148.9]", 1)])
+def test_a_damaged_copy_is_fetched_anew(fake, faults, town: Town, cache: MapCache, damage) -> None:
     cache.refresh()
-    cache.path.write_bytes(cache.path.read_bytes()[:-40])
+    cache.path.write_text(damage(cache.path.read_text()))
+    with pytest.raises(MapUnavailableError):
+        cache.load()
+    fake.pages = lambda _query, _headers: faults.problem(503)
+    with pytest.raises(MapUnavailableError, match="no copy"):
+        cache.refresh()
+    fake.pages = town
     assert cache.refresh().fresh
-    assert town.sent == [200] * 6
+    assert town.sent == [200] * 6, "the ETags of a copy that is none count for nothing"
+    assert object_ids(cache.load().hd_map) == WHOLE

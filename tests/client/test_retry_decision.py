@@ -24,6 +24,7 @@ def decide(failure: Failure, attempt: int = 1, seed: int = 0, policy: RetryPolic
     [
         *(Failure(fault=fault) for fault in Fault),
         *(Failure(status=s) for s in (200, 302, 408, 425, 429, 500, 502, 503, 504)),
+        *(Failure(status=s, own=True) for s in (408, 425, 429, 500, 503)),
     ],
 )
 def test_what_may_pass_is_tried_again(failure: Failure) -> None:
@@ -31,8 +32,10 @@ def test_what_may_pass_is_tried_again(failure: Failure) -> None:
 
 
 @pytest.mark.parametrize("status", [400, 401, 403, 404, 405, 409, 410, 413, 415, 422, 451])
-def test_what_the_server_will_never_take_is_not(status: int) -> None:
-    assert decide(Failure(status=status)) == (False, 0.0)
+def test_what_the_server_will_never_take_is_not_but_a_middleman_is_asked_again(status: int) -> None:
+    assert decide(Failure(status=status, own=True)) == (False, 0.0)
+    assert decide(Failure(status=status)).retriable
+    assert 0.5 <= decide(Failure(status=status)).wait_s <= 1.0
 
 
 @given(st.integers(1, 10_000), st.integers(0, 2**32))

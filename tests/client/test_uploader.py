@@ -272,11 +272,35 @@ def test_a_wrong_address_stops_the_upload_and_keeps_the_data(fake, faults, outbo
     assert outbox.stats().pending == 3
 
 
-def test_a_proxy_that_says_400_condemns_no_message(fake, faults, outbox, uploader) -> None:
-    fill(outbox, 1)
-    fake.faults.append(faults.say(faults.Answer(400, b"<h1>Bad gateway configuration</h1>")))
-    with pytest.raises(AnswerError, match="answered 400"):
-        uploader.flush(30.0)
+@pytest.mark.parametrize("status", [400, 401, 403, 404, 405, 407, 413, 415, 422, 451, 511])
+def test_what_a_middleman_says_neither_rejects_a_message_nor_ends_the_upload(
+    fake, faults, outbox, uploader, status: int
+) -> None:
+    sent = fill(outbox, 10)
+    fake.faults.extend(faults.say(answer) for answer in faults.middleman(status))
+    result = uploader.flush(30.0)
+    assert (result.accepted, result.rejected, result.remaining) == (10, 0, 0)
+    assert fake.stored == sent
+    assert uploader.health.failures == len(faults.middleman(status))
+    assert f"answered {status}" in uploader.health.last_failure
+
+
+def test_a_middleman_is_not_asked_in_a_hurry(fake, faults, outbox, server) -> None:
+    fill(outbox, 300)
+    (page, *_) = faults.middleman(413)
+    fake.faults.extend([faults.say(page)] * 1000)
+    result = Uploader(outbox, server).flush(1.2)
+    assert (result.rejected, result.remaining) == (0, 300)
+    assert len(fake.batches) <= 3, "half a second to a second after the first, one to two after the second"
+
+
+def test_a_message_that_a_firewall_dislikes_lets_the_others_pass(fake, faults, outbox, uploader) -> None:
+    sent = fill(outbox, 9)
+    (page, *_) = faults.middleman(403)
+    fake.poison = lambda body: page if faults.ids_of(body)[1] == 1 else None
+    for _ in range(100):
+        uploader._step()
+    assert fake.stored == {key: body for key, body in sent.items() if key[1] != 1}
     assert (outbox.stats().pending, outbox.stats().rejected) == (1, 0)
 
 
