@@ -180,6 +180,8 @@ def _deliver(uploader: Uploader, outbox: Outbox, wait_s: float) -> int:
         f"messages: {result.accepted} accepted, {result.duplicates} known already, {result.rejected} rejected, "
         f"{result.remaining} waiting"
     )
+    if result.remaining and uploader.health.failing:
+        _say(f"the newest attempt failed: {uploader.health.last_failure}")
     for message in outbox.rejected(limit=min(result.rejected, 5)) if result.rejected else ():
         _say(
             f"rejected: message {message.key.message_id} of {message.key.session_id}: {message.reason} {message.detail}"

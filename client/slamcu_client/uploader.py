@@ -13,8 +13,8 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from slamcu_client.errors import AnswerError, ClientError, TransportError
-from slamcu_client.outbox import Outbox, OutboxMessage
+from slamcu_client.errors import AnswerError, ClientError, OutboxError, TransportError
+from slamcu_client.outbox import MessageKey, Outbox, OutboxMessage
 from slamcu_client.receipt import Receipt, read_receipt
 from slamcu_client.retry import Failure, RetryDecision, RetryPolicy, retry_decision
 from slamcu_client.server import Server, describe, is_own_problem, refuse_unauthorized, unexpected
@@ -25,6 +25,7 @@ from slamcu_core.sensoris import join_batch
 _PATH = "/v1/data-messages"
 # what a server that trips over one message says, or a proxy that dislikes one, or their number
 _OVER_CONTENT = frozenset({400, 403, 413, 422, 500})
+_DISK_RETRY_S = 1.0  # as the reporter has it
 _log = logging.getLogger(__name__)
 
 
@@ -86,6 +87,8 @@ class Uploader:
         self._server_errors = 0  # in a row over one and the same message
         self._accepted = self._duplicates = self._rejected = 0
         self._health = UploadHealth()
+        # what the server has settled and the disk has not taken yet: not to be sent again each second
+        self._unrecorded: tuple[list[MessageKey], list[tuple[MessageKey, str, str]]] | None = None
         self._one_at_a_time = threading.Lock()
 
     @property
@@ -101,8 +104,8 @@ class Uploader:
     def run(self, stop: threading.Event) -> None:
         """Upload until `stop` is set, whatever the network does meanwhile: what fails is tried again; see `health`.
 
-        Raises AuthenticationError or another AnswerError if the server itself refuses the vehicle or the request,
-        OutboxError if the disk fails. What waits stays in the outbox.
+        A disk that fails is waited for likewise. Raises AuthenticationError or another AnswerError if the server itself
+        refuses the vehicle or the request; what waits stays in the outbox.
         """
         while not stop.is_set():
             wait_s = self._step()
@@ -114,9 +117,8 @@ class Uploader:
     def flush(self, timeout_s: float) -> UploadResult:
         """Upload until the outbox is empty, or until the next attempt would be due after `timeout_s`.
 
-        An exchange under way is not cut short, so this may take somewhat longer.
-
-        Raises as `run` does.
+        An exchange under way is not cut short, so this may take somewhat longer. Raises as `run` does, and OutboxError
+        if not even what remains can be read at the end.
         """
         deadline = time.monotonic() + timeout_s
         while (wait_s := self._step()) is not None:
@@ -155,19 +157,30 @@ class Uploader:
         with self._one_at_a_time:
             try:
                 return self._send()
-            except ClientError as error:
-                self._health = self._health.after_failure(str(error), refused=isinstance(error, AnswerError))
+            except AnswerError as error:
+                self._health = self._health.after_failure(str(error), refused=True)
                 raise
+            except OutboxError as error:
+                # the disk may have room again in a moment
+                if not self._health.failing:
+                    _log.warning("the upload waits for the disk: %s", error)
+                self._health = self._health.after_failure(str(error))
+                return _DISK_RETRY_S
             except Exception as error:  # noqa: BLE001  (nothing that one answer brings about may end the thread)
                 _log.exception("the upload failed unexpectedly and will be tried again")
                 self._health = self._health.after_failure(f"{type(error).__name__}: {error}", unexpected=True)
                 return self._decide(Failure()).wait_s
 
     def _send(self) -> float | None:
+        self._record()
         batch = self._outbox.pending(self._batch_limit, self._policy.max_bytes)
         if not batch:
             return None
-        self._outbox.attempt(message.key for message in batch)
+        try:
+            self._outbox.attempt(message.key for message in batch)
+        except OutboxError as error:
+            # sent all the same: the ids keep it from counting twice, and reading may work where writing does not
+            _log.info("%s", error)
         try:
             request, response = self._server.exchange(
                 "POST",
@@ -191,7 +204,7 @@ class Uploader:
 
     def _settle(self, batch: list[OutboxMessage], receipt: Receipt) -> None:
         bad = {index for index, _, _ in receipt.rejected}
-        self._outbox.settle(
+        self._unrecorded = (
             [message.key for index, message in enumerate(batch) if index not in bad],
             [(batch[index].key, reason, detail) for index, reason, detail in receipt.rejected],
         )
@@ -201,9 +214,20 @@ class Uploader:
         self._duplicates += receipt.duplicates
         self._rejected += len(receipt.rejected)
         self._failures = self._server_errors = 0
-        self._health = self._health.after_success()
         # grow slowly: twice the size would run into the same 413 again and again
         self._batch_limit = min(self._batch_limit + self._batch_limit // 8 + 1, self._policy.max_messages)
+        self._record()
+        self._health = self._health.after_success()
+
+    def _record(self) -> None:
+        """Write down what the server has settled; until the disk takes it, nothing else is sent."""
+        if self._unrecorded is not None:
+            settled, self._unrecorded = self._unrecorded, None
+            try:
+                self._outbox.settle(*settled)
+            except OutboxError:
+                self._unrecorded = settled
+                raise
 
     def _refused(self, batch: list[OutboxMessage], request: Request, response: Response) -> float:
         """Act on an answer that settles nothing; return the seconds to wait."""

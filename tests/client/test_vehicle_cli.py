@@ -146,6 +146,7 @@ def test_a_server_that_is_away_costs_no_result_and_no_report(folder: Path, vehic
     code, _, err = vehicle(*LOCAL, "--server", "http://127.0.0.1:1", "--wait", "0", "--result", "out.geojson")
     assert code == 3
     assert "wait in drive.jsonl.outbox" in err
+    assert "the newest attempt failed: POST http://127.0.0.1:1/v1/data-messages: cannot connect" in err
     assert Path("out.geojson").exists()
     assert vehicle("upload", "--outbox", "drive.jsonl.outbox", "--server", fake.url)[0] == 0
     assert fake.stored
