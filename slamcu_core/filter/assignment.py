@@ -19,11 +19,12 @@ def assign(score: Array) -> NDArray[np.intp]:
     The total score of the assigned pairs is the largest possible.
     """
     detections, features = score.shape
-    result = np.full(detections, -1, dtype=np.intp)
+    result = np.empty(detections, dtype=np.intp)
+    result.fill(-1)
     if not detections or not features:
         return result
     best = score.argmax(axis=1)
-    rows = (np.maximum.reduce(score, axis=1) > 0.0).nonzero()[0]
+    rows = np.logical_or.reduce(score > 0.0, axis=1).nonzero()[0]
     chosen = best[rows]
     if len(set(chosen.tolist())) == len(rows):
         result[rows] = chosen

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,7 @@ from slamcu_core.models import SensorModel
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Marginal:
+class Marginal(NamedTuple):
     """The predicted measurement of F features with the particles averaged out.
 
     `mean` (2, F) and `covariance` (3, F) are in measurement space and hold the spread of the particles, the feature's

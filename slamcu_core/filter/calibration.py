@@ -111,8 +111,8 @@ class SensorCalibration:
         noise : (2, A) variances of the measurement and of the map's place, already tempered.
         """
         # one scalar Kalman filter each for scale and turn: to take all A at once gives what one after the other would
-        towards = np.ones((2, len(distance)))  # ∂z/∂(scale, turn)
-        towards[0] = distance
+        towards = np.empty((2, len(distance)))  # ∂z/∂(scale, turn)
+        towards[0], towards[1] = distance, 1.0
         gain = towards / noise
         information = np.vecdot(towards, gain)
         self.variance = self.variance / (1.0 + self.variance * information)

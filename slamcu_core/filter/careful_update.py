@@ -9,7 +9,8 @@ says whether they are right.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +39,7 @@ _ASTRAY_WIDTH = 5.0  # ... and how far off, in standard deviations of the cloud
 _REACH = 200.0  # on squares of innovations, of what none of them can see: far beyond any that could weigh
 
 
-@dataclass(frozen=True, slots=True)
-class _Question:
+class _Question(NamedTuple):
     """Which of the columns (C,) of a view the detections may be, as `possible` (D, C) says, or something unknown."""
 
     view: View
@@ -51,11 +51,10 @@ class _Question:
     def of_what_may_be(self) -> _Question:
         """Return the question without the columns that no detection may be."""
         asked = np.logical_or.reduce(self.possible, axis=0)
-        return replace(self, columns=self.columns[asked], possible=self.possible[:, asked])
+        return self._replace(columns=self.columns[asked], possible=self.possible[:, asked])
 
 
-@dataclass(frozen=True, slots=True)
-class Occasion:
+class Occasion(NamedTuple):
     """Why a frame is taken with care."""
 
     stale: bool  # nothing that weighs the particles has been seen for long
@@ -94,11 +93,14 @@ def weigh_with_care(
         usable = usable & (update.table.kind[view.rows[: view.close]] == Kind.MAP)
         possible |= usable & update.fits(view, seen) & _within_reach(update, view, seen)
     # what must not weigh the particles is as likely in all of them
-    unusable = possible & ~usable
-    others = np.exp(np.where(unusable, score, -np.inf)) if np.count_nonzero(unusable) else np.zeros(score.shape)
-    log_unknown = log_unknown + np.log1p(np.add.reduce(others, axis=1))
+    explainable = possible & usable
+    unusable = np.count_nonzero(explainable) < np.count_nonzero(possible)
+    if unusable:
+        others = np.exp(np.where(possible & ~usable, score, -np.inf))
+        of_others = np.add.reduce(others, axis=1, keepdims=True)
+        log_unknown = log_unknown + np.log1p(of_others[:, 0])
     columns = np.logical_or.reduce(possible, axis=0).nonzero()[0]
-    question = _Question(view, seen, columns, (possible & usable)[:, columns], log_unknown)
+    question = _Question(view, seen, columns, explainable.take(columns, axis=1), log_unknown)
     looked = None
     shares = np.zeros(score.shape)
     pairs = question.possible.nonzero()
@@ -117,14 +119,16 @@ def weigh_with_care(
         particles.become(many, systematic(many.weights, rng, len(particles)))
     else:
         weighed, temper, close = _weigh(update, question, share, rng)
-        if len(weighed.mean):
-            particles.settle_conditioned(weighed.mean, weighed.spread, rng)
+        if weighed.noise is not None:
+            particles.settle_conditioned(weighed.noise.mean, weighed.noise.spread, rng)
         else:
             looked = columns, close
         particles.log_weight = particles.log_weight + temper * weighed.log_likelihood
         shares[explained] = weighed.shares @ particles.weights
-    left = 1.0 - np.add.reduce(shares, axis=1, keepdims=True)
-    return shares + left * others / (1.0 + np.add.reduce(others, axis=1, keepdims=True)), looked
+    if unusable:
+        left = 1.0 - np.add.reduce(shares, axis=1, keepdims=True)
+        shares += left * others / (1.0 + of_others)
+    return shares, looked
 
 
 def _wide(view: View, seen: Seen, score: Array) -> bool:
@@ -164,14 +168,13 @@ def _weigh(
     """Weigh the particles of an update, and return how much of the likelihood is to count, and how they see things."""
     particles: Particles = update.particles
     view, seen, columns = question.view, question.seen, question.columns
-    noise = update.model.noise(view.marginal.mean[:, columns])
+    noise = view.noise.take(columns, axis=1)
     detections, features = question.possible.nonzero()
-    asked = columns[question.possible.any(axis=0)]
-    conditioned = particles.pending is not None and proposal.pays(
-        view.by_motion[:, asked], view.by_place[:, asked] + update.model.noise(view.marginal.mean[:, asked])
-    )
-    if not conditioned:
-        particles.settle(rng)
+    if particles.pending is not None:
+        asked = columns[question.possible.any(axis=0)]
+        of_mean = view.by_place.take(asked, axis=1) + view.noise.take(asked, axis=1)
+        if not proposal.pays(view.by_motion.take(asked, axis=1), of_mean):
+            particles.settle(rng)
     close = update.examine(view, columns)
     q, by_noise = update.innovation_covariance(close, noise).take(features, axis=1), None
     if particles.pending is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
-@dataclass(frozen=True, slots=True)
-class Instant:
+class Instant(NamedTuple):
     """When and where a frame was taken."""
 
     t: float  # s since the start of the drive
@@ -28,8 +27,7 @@ class Instant:
     speed: float  # m/s
 
 
-@dataclass(frozen=True, slots=True)
-class Seen:
+class Seen(NamedTuple):
     """The detections of a frame as arrays: D measurements with variances and codes."""
 
     measurement: Array  # (2, D)
@@ -48,17 +46,14 @@ class Seen:
 
     def believed(self, certain: Array) -> Seen:
         """Return the detections as evidence of what they are taken for, which each is with a probability (D,)."""
-        return replace(self, weight=-np.log1p(np.expm1(-self.weight) * certain))
+        return self._replace(weight=-np.log1p(np.expm1(-self.weight) * certain))
 
     def without(self, which: NDArray[np.bool_]) -> Seen:
         """Return the detections but for some, (D,)."""
         if not np.count_nonzero(which):
             return self
         index = (~which).nonzero()[0]
-        return Seen(*(getattr(self, name).take(index, axis=-1) for name in _ARRAYS))
-
-
-_ARRAYS = tuple(item.name for item in fields(Seen))
+        return Seen._make(array.take(index, axis=-1) for array in self)
 
 
 def read_detections(model: SensorModel, items: tuple[Detection, ...], names: Vocabulary) -> Seen:

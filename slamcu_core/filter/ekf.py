@@ -109,7 +109,7 @@ def update(mean: Array, by_place: Array, jacobian: Jacobian, innovation: Array, 
     second *= n1
     second *= stretch * stretch
     cos, sin = jacobian.cos, jacobian.sin
-    moved = np.empty_like(mean)
+    moved = np.empty(mean.shape)
     np.add(mean[0], cos * u - sin * v, out=moved[0, ...])
     np.add(mean[1], sin * u + cos * v, out=moved[1, ...])
     return moved, turned(cos, -sin, (first, cross, second))
@@ -117,6 +117,5 @@ def update(mean: Array, by_place: Array, jacobian: Jacobian, innovation: Array, 
 
 def birth_covariance(jacobian: Jacobian, noise: Array) -> Array:
     """Return Σ = H⁻¹ R H⁻ᵀ (3, ...) of a feature placed by one measurement."""
-    across = noise[1] / (jacobian.shrink * jacobian.shrink)
-    along = np.broadcast_to(noise[0], across.shape)
-    return turned(jacobian.cos, -jacobian.sin, (along, np.zeros_like(across), across))
+    along, across = noise[0], noise[1] / (jacobian.shrink * jacobian.shrink)
+    return turned(jacobian.cos, -jacobian.sin, (along, np.zeros(across.shape), across))

@@ -9,8 +9,9 @@ shares of the explanations over the particles say how much of the detection is e
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +28,7 @@ _LEAST = 1e-9  # share of something unknown
 _ROUNDS = 10  # of messages between detections and features; two do in most frames
 
 
-@dataclass(frozen=True, slots=True)
-class Explanations:
+class Explanations(NamedTuple):
     """What D detections may be: of C features those that are possible, as M particles see them, or something unknown.
 
     `possible` (D, C) says what is to be considered; in the order of its rows that makes P pairs of a detection and a
@@ -44,18 +44,16 @@ class Explanations:
     log_unknown: Array
 
 
-@dataclass(frozen=True, slots=True)
-class Weighed:
+class Weighed(NamedTuple):
     """What explanations make of M particles.
 
-    `log_likelihood` (M,), the `shares` (P, M) of the explanations in each particle, and `mean` (K, M) and `spread`
-    (K, K, M) of the pending noise given those that each particle drew; without K if that was not asked for.
+    `log_likelihood` (M,), the `shares` (P, M) of the explanations in each particle, and what those that each particle
+    drew tell of the pending `noise`; None if that was not asked for.
     """
 
     log_likelihood: Array
     shares: Array
-    mean: Array
-    spread: Array
+    noise: PendingNoise | None
 
 
 def shared_out(score: Array) -> Array:
@@ -95,8 +93,8 @@ def exclusive(shares: Array) -> Array:
 
 def settle_on(shares: Array) -> tuple[NDArray[np.intp], Array]:
     """Return the feature that each of D detections is taken for, one to one, or -1, and how probable that is, (D,)."""
-    unknown = np.maximum(1.0 - shares.sum(axis=1), _LEAST)
-    columns = assign(np.log(np.maximum(shares, 1e-300)) - np.log(unknown)[:, None])
+    unknown = np.maximum(1.0 - np.add.reduce(shares, axis=1), _LEAST)
+    columns = assign(np.log(np.maximum(shares / unknown[:, None], 1e-300)))
     certain = np.where(columns >= 0, shares[np.arange(len(columns)), columns], unknown)
     return columns, np.where(certain < _CLEAR, certain, 1.0)
 
@@ -107,26 +105,24 @@ def weigh(explanations: Explanations, rng: np.random.Generator) -> Weighed:
     An explanation counts neither by how sure its feature is nor by how many particles have it in view: both are the
     same in the next frame, and would count again in each.
     """
-    numbers = np.add.reduce(explanations.possible, axis=1, dtype=np.intp)
-    asked = numbers.nonzero()[0]
-    ends = numbers[asked].cumsum()
-    starts = ends - numbers[asked]
+    pairs = explanations.possible.nonzero()[0].tolist()  # the detection of each
+    asked = sorted(set(pairs))
+    starts = [bisect_left(pairs, detection) for detection in asked]
     log_unknown = explanations.log_unknown[asked, None]
     if explanations.by_noise is not None:
-        detections = zip(starts.tolist(), ends.tolist(), log_unknown, strict=True)
+        detections = zip(starts, [*starts[1:], len(pairs)], log_unknown, strict=True)
         return _one_after_the_other(explanations, explanations.by_noise, detections, rng)
-    count = explanations.innovation.shape[-1]
     log = gaussian_log_likelihood(explanations.innovation, explanations.covariance)
     top = np.maximum.reduceat(log, starts, axis=0)
     np.maximum(top, log_unknown, out=top)
-    of = np.arange(len(asked)).repeat(numbers[asked])
+    of = [asked.index(detection) for detection in pairs]
     log -= top.take(of, axis=0)
     each = np.exp(log, out=log)
     total = np.add.reduceat(each, starts, axis=0)
     total += np.exp(log_unknown - top)
     each /= total.take(of, axis=0)
     top += np.log(total)
-    return Weighed(np.add.reduce(top, axis=0), each, np.zeros((0, count)), np.zeros((0, 0, count)))
+    return Weighed(np.add.reduce(top, axis=0), each, None)
 
 
 def _one_after_the_other(
@@ -157,4 +153,4 @@ def _one_after_the_other(
         known, every = drawn < end - start, np.arange(count)
         drawn = np.minimum(drawn, end - start - 1)
         noise.learn(nu[:, drawn, every], q[:, drawn, every], across[:, :, drawn, every], known)
-    return Weighed(log_likelihood, shares, noise.mean, noise.spread)
+    return Weighed(log_likelihood, shares, noise)

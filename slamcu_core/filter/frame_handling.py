@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +100,7 @@ class FrameHandling:
         detections = (columns >= 0).nonzero()[0]
         matched = columns[detections]
         # noise by the expected range: by the measured one, short readings would weigh more than long ones
-        seen.noise[:, detections] = sensor.model.noise(view.marginal.mean.take(matched, axis=1))
+        seen.noise[:, detections] = view.noise.take(matched, axis=1)
         rates = sensor.rates.within(view.distance)
         management.update_existence(
             sensor.model,
@@ -114,7 +115,9 @@ class FrameHandling:
         # association with Normal and New only (4.3.4), by the classes after this frame's evidence (4.3.3)
         rows = view.rows[matched]
         usable = management.supports(rows)
-        self._watch(rates, view, columns, squares[detections, matched], usable, now=now)
+        self._watch(
+            rates, view, matched, squares[detections, matched], usable, alone=len(columns) - len(matched), now=now
+        )
         if np.count_nonzero(usable):
             self._weighed_at = now.t
         self._compare(sensor, view, seen, (detections[usable], matched[usable]), now)
@@ -148,7 +151,7 @@ class FrameHandling:
         detections, rows = detections[mapped], view.rows[columns[mapped]]
         sensor.whiteness.learn(
             now,
-            self._table.source[rows],
+            self._table.source[rows].tolist(),
             self._table.xy.take(rows, axis=0).T,
             seen.measurement.take(detections, axis=1),
             seen.noise.take(detections, axis=1),
@@ -158,10 +161,11 @@ class FrameHandling:
         self,
         rates: RatesInView,
         view: View,
-        columns: Index,
+        matched: Index,
         squares: Array,
         usable: NDArray[np.bool_],
         *,
+        alone: int,
         now: Instant,
     ) -> None:
         """Hold what a frame shows against what it should.
@@ -169,21 +173,21 @@ class FrameHandling:
         Parameters
         ----------
         rates : of detection of the rows, at their ranges.
-        columns : (D,) of the view that the detections belong to, or -1.
-        squares : (A,) normalised innovations squared of those that belong to one.
+        matched : (A,) columns of the view that detections belong to.
+        squares : (A,) normalised innovations squared of those.
         usable : (A,) on which of these the car localizes.
+        alone : how many detections belong to none.
         """
-        matched = columns[columns >= 0]
         mapped = self._table.kind[view.rows] == Kind.MAP
         due = now.share * view.shown * rates.now()
         hit, square = np.zeros((2, len(view.rows)))
         hit[matched], square[matched] = now.share, squares
-        exists = existence.probability(self._table, view.rows)
+        exists = partial(existence.probability, self._table)
         self._monitor.note(now.t, view.rows, mapped, shown=view.shown, due=due, hit=hit, exists=exists, squares=square)
         self._monitor.observe(
             squares[usable].tolist(),
-            len(columns),
-            len(columns) - len(matched),
+            len(matched) + alone,
+            alone,
             expected=float(np.add.reduce(due[mapped])),
             share=now.share,
         )
@@ -200,7 +204,7 @@ class FrameHandling:
         if not score.size:
             return None
         by_map = score[:, : view.mapped]
-        fit = int(np.count_nonzero(np.maximum.reduce(by_map, axis=1, initial=-np.inf) > 0.0))
+        fit = int(np.count_nonzero((by_map > 0.0).any(axis=1)))
         surprised = len(score) - fit >= _SURPRISES * (1 + fit)
         surprised &= t - self._surprised_at > _STALE_S
         stale = t - self._weighed_at > _STALE_S and bool((score > -np.inf).any())

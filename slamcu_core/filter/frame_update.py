@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
-@dataclass(frozen=True, slots=True)
-class CloseLook:
+class CloseLook(NamedTuple):
     """How each of M particles sees A rows from its pose, with its own map of the car's finds among them."""
 
     rows: Index
@@ -46,14 +46,13 @@ class CloseLook:
             self.slots[find],
             looks,
             self.means.take(find, axis=1),
-            self.sight[index],
-            self.by_feature[index],
+            self.sight.some(index),
+            self.by_feature.some(index),
             self.by_place.take(index, axis=1),
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Matches:
+class Matches(NamedTuple):
     """Detections matched with rows, A of them, as the particles see those rows once their poses are sampled."""
 
     close: CloseLook
@@ -257,11 +256,11 @@ class FrameUpdate:
         close, own = matches.close, matches.close.own
         if not len(own):
             return
-        particles, sight = self.particles, close.sight[own]
+        particles, sight = self.particles, close.sight.some(own)
         means, covariances = ekf.update(
             close.means,
             close.by_place.take(own, axis=1),
-            close.by_feature[own],
+            close.by_feature.some(own),
             # again, for the calibration has learned since
             self.model.innovation(matches.measurement.take(own, axis=1)[:, :, None], self.calibrated(sight)),
             matches.noise.take(own, axis=1)[:, :, None] / share,

@@ -10,6 +10,7 @@ often a healthy filter may cry wolf, not of how things look on some road.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -36,21 +37,24 @@ _DOUBT = 3.0  # sum from which on a better pose is looked for: at worst once in 
 
 
 class _Kept:
-    """What is kept by row of the feature table of its present encounter or the last one, as columns."""
+    """What is kept by row of the feature table of its present encounter or the last one; the first begin at 0."""
 
     DUE: Final = 0  # detections that it should have brought ...
     HIT: Final = 1  # ... and those that it has
     SHOWN: Final = 2  # how surely it could be seen when it could best
-    STANDS: Final = 3  # how surely it stands there, as believed when it came into view
-    SQUARE: Final = 4  # normalised innovation squared of its first detection
-    AGAINST: Final = 5  # what the encounter says against the pose
+    AGAINST: Final = 3  # what the encounter says against the pose
+    STANDS: Final = 4  # how surely it stands there, as believed when it came into view
+    SQUARE: Final = 5  # normalised innovation squared of its first detection
     LAST: Final = 6  # s, in view
 
 
+_SUMS = slice(0, _Kept.STANDS)
+
+
 def _none_yet(size: int) -> Array:
-    """Return what is kept (F, 7) of rows that never were in view."""
-    kept = np.zeros((size, 7))
-    kept[:, _Kept.LAST] = -np.inf
+    """Return what is kept (7, F) of rows that never were in view."""
+    kept = np.zeros((7, size))
+    kept[_Kept.LAST] = -np.inf
     return kept
 
 
@@ -106,7 +110,7 @@ class HealthMonitor:
         shown: Array,
         due: Array,
         hit: Array,
-        exists: Array,
+        exists: Callable[[Index], Array],
         squares: Array,
     ) -> None:
         """Add what a frame at t s says of the things in view.
@@ -117,7 +121,7 @@ class HealthMonitor:
         mapped : (F,) which are the map's.
         shown : (F,) the probability that they could be seen.
         due, hit : (F,) independent detections that were due of each, and that were made.
-        exists : (F,) how probable it is that they exist.
+        exists : says of rows how probable it is that they exist.
         squares : (F,) normalised innovations squared of those that were detected.
         """
         made = hit > 0.0
@@ -126,41 +130,50 @@ class HealthMonitor:
             return
         if len(in_view) < len(rows):
             rows, mapped, shown, due = rows[in_view], mapped[in_view], shown[in_view], due[in_view]
-            hit, exists, squares, made = hit[in_view], exists[in_view], squares[in_view], made[in_view]
-        size = int(np.maximum.reduce(rows)) + 1
-        if size > len(self._encounters):
-            self._encounters = np.concatenate([self._encounters, _none_yet(2 * size - len(self._encounters))])
-        kept = self._encounters.take(rows, axis=0)
-        begins = (t - kept[:, _Kept.LAST] > _APART_S).nonzero()[0]
+            hit, squares, made = hit[in_view], squares[in_view], made[in_view]
+        kept = self._encounters_with(rows)
+        begins = (t - kept[_Kept.LAST] > _APART_S).nonzero()[0]
         if len(begins):
+            believed = exists(rows[begins])
             # from a pose that is in doubt, what has been learned of the map is in doubt too
-            believed = np.full(len(rows), _STANDS) if self.lost else np.clip(exists, _BY_CHANCE, _STANDS)
-            kept[begins, _Kept.STANDS] = np.where(mapped, believed, exists)[begins]
-            for sums in (_Kept.DUE, _Kept.HIT, _Kept.SHOWN, _Kept.AGAINST):
-                kept[begins, sums] = 0.0
-        first = (made & (kept[:, _Kept.HIT] == 0.0)).nonzero()[0]
-        kept[first, _Kept.SQUARE] = squares[first]
-        kept[:, _Kept.DUE] += due
-        kept[:, _Kept.HIT] += hit
-        np.maximum(kept[:, _Kept.SHOWN], shown, out=kept[:, _Kept.SHOWN])
-        kept[:, _Kept.LAST] = t
+            of_map = _STANDS if self.lost else np.minimum(np.maximum(believed, _BY_CHANCE), _STANDS)
+            kept[_Kept.STANDS, begins] = np.where(mapped[begins], of_map, believed)
+            kept[_SUMS, begins] = 0.0
+        first = (made & (kept[_Kept.HIT] == 0.0)).nonzero()[0]
+        kept[_Kept.SQUARE, first] = squares[first]
+        kept[_Kept.DUE] += due
+        kept[_Kept.HIT] += hit
+        np.maximum(kept[_Kept.SHOWN], shown, out=kept[_Kept.SHOWN])
+        kept[_Kept.LAST] = t
         against = self._weigh(kept, mapped)
-        change = float(np.add.reduce(against - kept[:, _Kept.AGAINST]))
-        kept[:, _Kept.AGAINST] = against
-        self._encounters[rows] = kept
+        change = float(np.add.reduce(against - kept[_Kept.AGAINST]))
+        kept[_Kept.AGAINST] = against
+        self._encounters[:, rows] = kept
         self._against = min(max(self._against + change, 0.0), _MOST)
         self.lost = self._against > (_RECOVERED if self.lost else _LOST)
 
+    def _encounters_with(self, rows: Index) -> Array:
+        """Return what is kept (7, F) of rows."""
+        try:
+            return self._encounters.take(rows, axis=1)
+        except IndexError:  # the table has grown
+            more = _none_yet(2 * int(rows.max()) + 2 - self._encounters.shape[1])
+            self._encounters = np.concatenate([self._encounters, more], axis=1)
+            return self._encounters.take(rows, axis=1)
+
     def _weigh(self, kept: Array, mapped: NDArray[np.bool_]) -> Array:
-        """Return ln of how much likelier encounters (F,), of which is `kept` (F, 7), are so far with a wrong pose."""
-        due, hit, shown, stands, square = kept.T[: _Kept.AGAINST].copy()
+        """Return ln of how much likelier encounters (F,), of which is `kept` (7, F), are so far with a wrong pose."""
+        due, hit, shown, _, stands, square, _ = kept
         shows = shown * (1.0 - (1.0 + due / self._concentration) ** -self._concentration)
         missing = np.log((1.0 - _BY_CHANCE * shows) / (1.0 - stands * shows)) + shows * self._nothing_found
         # from a right pose the square is chi-square with two degrees of freedom, from a wrong one any within the gate
-        density = 0.5 * np.minimum(square, self._gate) - math.log(0.5 * self._gate)
-        there = np.log(_BY_CHANCE / np.maximum(stands, _BY_CHANCE)) + density + self._nothing_found
-        found = np.where((hit > _FOUND) & (stands < _STANDS), _FOUND_ODDS, 0.0)
-        return np.asarray(np.where(mapped, np.where(hit > _SEEN, there, missing), found))
+        there = 0.5 * np.minimum(square, self._gate) - np.log(np.maximum(stands / _BY_CHANCE, 1.0))
+        there += self._nothing_found - math.log(0.5 * self._gate)
+        weight = np.where(hit > _SEEN, there, missing)
+        found = (~mapped).nonzero()[0]
+        if len(found):
+            weight[found] = np.where((hit[found] > _FOUND) & (stands[found] < _STANDS), _FOUND_ODDS, 0.0)
+        return np.asarray(weight)
 
     @property
     def doubtful(self) -> bool:

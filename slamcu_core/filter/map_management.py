@@ -135,8 +135,9 @@ class MapManagement:
         last = self._table.pass_last[rows]
         gap = self._parameters.pass_gap_s
         gone = t - last > gap
-        self._none_ends_before = float(last[~gone].min(initial=t)) + gap - _ROUNDING_S
         ended: list[int] = rows[gone].tolist()
+        if not ended and len(last):
+            self._none_ends_before = float(np.minimum.reduce(last)) + gap - _ROUNDING_S
         return ended
 
     def supports(self, rows: Index) -> NDArray[np.bool_]:

@@ -23,6 +23,7 @@ from slamcu_core.models import SensorModel, shadow_angle
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+_BESIDE_RAD = 0.2  # so far beside the field of view of the mean pose, no particle sees anything
 _MARGIN = 2.0  # times the gate, on squares: a row is given up only if it is so far beyond by the mean pose
 _BENT = 6.0  # standard deviations of the place: nearer than this the mean pose is no guide to what particles see
 _TAIL_STD, _TAIL_RAD, _TAIL_M = 25.0, 0.005, 20.0  # so far beside an edge or before it, a shadow is whole or none
@@ -56,6 +57,8 @@ class MeanLook:
         self._model, self._table, self._particles, self._calibration = model, table, particles, calibration
         self._codes = codes  # of the classes that the sensor detects
         self._gate = gate
+        widest = model.half_angle + _BESIDE_RAD
+        self._least_cosine = math.cos(widest) if widest < math.pi else -2.0
         self._around: Index | None = None  # the rows last given ...
         self._fitting = np.zeros(0, dtype=np.intp)  # ... and those of them of classes that the sensor detects
         self._mapped = 0  # of which so many are the map's
@@ -70,25 +73,18 @@ class MeanLook:
         place, direction = model.origin(mean)
         axes = rotation(-float(direction))
         origin = axes @ place
-        ahead = axes @ np.array(table.xy.take(self._fitting, axis=0).T, order="C")
+        ahead = axes @ table.xy.take(self._fitting, axis=0).T
         ahead -= origin[:, None]
         squares = ahead * ahead
         distance = np.sqrt(squares[0] + squares[1])
-        bearing = np.arctan2(ahead[1], ahead[0])
-        within = np.abs(bearing) < model.half_angle + 0.2
+        within = ahead[0] > self._least_cosine * distance
         within |= distance < 5.0
         within &= distance < model.sensor.max_range_m + 10.0
         kept = within.nonzero()[0]
-        mapped = int(np.count_nonzero(within[: self._mapped]))
-        return Outline(
-            self._fitting[kept],
-            mapped,
-            ahead.take(kept, axis=1),
-            distance[kept],
-            bearing[kept],
-            axes,
-            origin,
-        )
+        mapped = int(kept.searchsorted(self._mapped))
+        ahead = ahead.take(kept, axis=1)
+        bearing = np.arctan2(ahead[1], ahead[0])
+        return Outline(self._fitting[kept], mapped, ahead, distance[kept], bearing, axes, origin)
 
     def close_ones_first(
         self, outline: Outline, cloud: Cloud, covariance: Array, seen: Seen, occluders: tuple[Occluder, ...]

@@ -82,9 +82,10 @@ class Particles:
         """Normalised weights (M,); once asked for, `log_weight` can be replaced but no longer changed in place."""
         if self._weights is not None and self._weights[0] is self.log_weight:
             return self._weights[1]
-        weights: Array = np.exp(self.log_weight - self.log_weight.max())
+        weights: Array = np.exp(self.log_weight - np.maximum.reduce(self.log_weight))
         weights /= np.add.reduce(weights)
-        self.log_weight.flags.writeable = weights.flags.writeable = False
+        self.log_weight.setflags(write=False)
+        weights.setflags(write=False)
         self._weights = self.log_weight, weights
         return weights
 

@@ -9,7 +9,6 @@ from slamcu_core.filter.detections import Instant, Seen
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.relocation import Memory, Motion, Sightings, agreement, same, search
 from slamcu_core.filter.table import FeatureTable, Kind
-from slamcu_core.geometry import rotation
 from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]
@@ -33,13 +32,12 @@ class Recovery:
         self._candidate: Motion | None = None
 
     def remember(self, model: SensorModel, seen: Seen, now: Instant) -> None:
-        """Remember the detections of a frame, placed by dead reckoning."""
+        """Remember the detections of a frame."""
         if not seen.measurement.shape[1]:
             return
-        place = (rotation(float(now.reckoned[2])) @ seen.ahead_left).T + now.reckoned[:2]
-        std = np.sqrt(seen.noise)
-        across = seen.measurement[0] * std[1] if model.has_bearing else 0.0
-        self._memory.add(Sightings(now.t, place, np.maximum(std[0], across), seen.feature_class, seen.sign))
+        along, across = np.sqrt(seen.noise)
+        std = np.maximum(along, seen.measurement[0] * across) if model.has_bearing else along
+        self._memory.add(Sightings(now.t, now.reckoned, seen.ahead_left, std, seen.feature_class, seen.sign))
 
     def find_the_way_back(self, now: Instant, around: Index) -> Array | None:
         """Move the particles to where the last sightings fit the active rows of the map, if they fit clearly better.

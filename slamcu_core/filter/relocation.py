@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,18 +25,15 @@ _TURN = 0.25  # rad, and
 _SHIFT_M = 0.5  # m: motions nearer than this are the same answer
 
 
-@dataclass(frozen=True, slots=True)
-class Sightings:
-    """The detections of one frame, placed by dead reckoning."""
+class Sightings(NamedTuple):
+    """The detections of one frame, and where the vehicle was by dead reckoning."""
 
     t: float  # s
-    place: Array  # (D, 2) m, in the dead-reckoning frame
+    reckoned: Array  # (3,)
+    ahead_left: Array  # (2, D) m, from the vehicle
     std: Array  # (D,) m, larger axis
     feature_class: Index
     sign: Index
-
-    def __len__(self) -> int:
-        return len(self.std)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +69,11 @@ class Memory:
 
     def add(self, frame: Sightings) -> None:
         """Remember the sightings of a frame and forget those that are too old or too many."""
-        self._frames.append(frame)
-        self._count += len(frame)
-        while self._frames[0].t < frame.t - self._window or self._count - len(self._frames[0]) >= _MOST:
-            self._count -= len(self._frames.popleft())
+        frames, too_old = self._frames, frame.t - self._window
+        frames.append(frame)
+        self._count += len(frame.std)
+        while frames[0].t < too_old or self._count - len(frames[0].std) >= _MOST:
+            self._count -= len(frames.popleft().std)
 
     def clear(self) -> None:
         """Forget everything."""
@@ -90,18 +89,21 @@ class Memory:
         if not self._frames:
             none = np.zeros(0, dtype=np.intp)
             return Constellation(np.zeros((0, 2)), np.zeros(0), none, none)
-        place = np.concatenate([frame.place for frame in self._frames])
+        sizes = [len(frame.std) for frame in self._frames]
+        reckoned = np.array([frame.reckoned for frame in self._frames]).T.repeat(sizes, axis=1)
+        ahead, left = np.concatenate([frame.ahead_left for frame in self._frames], axis=1)
+        cos, sin = np.cos(reckoned[2]), np.sin(reckoned[2])
+        x, y = reckoned[0] + cos * ahead - sin * left, reckoned[1] + sin * ahead + cos * left
         std = np.concatenate([frame.std for frame in self._frames])
         feature_class = np.concatenate([frame.feature_class for frame in self._frames])
         sign = np.concatenate([frame.sign for frame in self._frames])
         kind = feature_class * (int(sign.max(initial=0)) + 1) + sign
-        x, y = place.T.copy()
         variance = std * std
         group = np.empty(len(std), dtype=np.intp)
         latest = np.empty(len(std), dtype=np.intp)  # sighting of each group
         begin = groups = 0
-        for frame in self._frames:  # a frame at a time: one by one, thousands of them would take as long as many steps
-            end = begin + len(frame)
+        for size in sizes:  # a frame at a time: one by one, thousands of them would take as long as many steps
+            end = begin + size
             last = latest[:groups]
             off_x, off_y = x[last] - x[begin:end, None], y[last] - y[begin:end, None]
             near = off_x * off_x + off_y * off_y < 9.0 * (variance[last] + variance[begin:end, None])

@@ -34,7 +34,7 @@ class Riders:
         now[0] = odometer
         now[1:3] = seen.ahead_left
         np.multiply(seen.noise[0], _SLACK**2, out=now[3])
-        now[4] = (seen.feature_class * 4096.0 + seen.sign) * 4096.0 + seen.value
+        now[4] = (seen.feature_class * 4096 + seen.sign) * 4096 + seen.value
         driven = self._recent[0, self._begin : self._end]
         self._begin += int(driven.searchsorted(odometer - _BACK_M[1]))
         old = self._recent[:, self._begin : self._end]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +12,6 @@ from numpy.typing import NDArray
 from slamcu_core.filter import standing
 from slamcu_core.filter.detections import Instant, Seen
 from slamcu_core.filter.table import FeatureTable, Kind
-from slamcu_core.geometry import rotation
 from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]
@@ -29,22 +30,16 @@ class SightingNotes:
     def add(self, model: SensorModel, rows: Index, seen: Seen, detections: Index, now: Instant) -> None:
         """Note where rows were seen, for their reports and for whether they stand still."""
         table = self._table
-        measured = seen.measurement.take(detections, axis=1)
-        noise = np.maximum(seen.noise.take(detections, axis=1), _LEAST)
-        ahead_left, ahead = seen.ahead_left.take(detections, axis=1), seen.toward.take(detections, axis=1)
-        here, heading = now.pose[:2], rotation(float(now.pose[2]))
-        places, toward = heading @ ahead_left + here[:, None], heading @ ahead
-        table.sighted[rows] += _sums(model, here, np.concatenate([places, toward, measured, noise]))
+        seen_from = np.concatenate([seen.ahead_left, seen.toward, seen.measurement[:1], seen.noise])
+        sightings = seen_from.take(detections, axis=1).T.tolist()
+        table.sighted[rows] += _sums(model, now.pose.tolist(), sightings)
         own = (table.kind[rows] == Kind.NEW).nonzero()[0]
         if not len(own):
             return
         rows = rows[own]
         # whether finds stand still, by dead reckoning, for a correction of the pose would look like motion
-        heading = rotation(float(now.reckoned[2]))
-        places, toward = heading @ ahead_left.take(own, axis=1), heading @ ahead.take(own, axis=1)
-        places += now.reckoned[:2, None]
-        sightings = np.concatenate([places, toward, measured.take(own, axis=1), noise.take(own, axis=1)])
-        standing.track(table, rows, model, sightings, now.t)
+        by_reckoning = _placed(now.reckoned.tolist(), [sightings[index] for index in own.tolist()])
+        standing.track(table, rows, model, by_reckoning, now.t)
         self._vote(rows, seen, detections[own])
 
     def _vote(self, rows: Index, seen: Seen, detections: Index) -> None:
@@ -62,18 +57,29 @@ class SightingNotes:
         self._votes.pop(row, None)
 
 
-def _sums(model: SensorModel, here: Array, sightings: Array) -> list[list[float]]:
-    """Return what sightings (8, A) from a place (2,) add to the parts of `sighted`, each (13,), in their order.
+def _placed(pose: Sequence[float], sightings: Sequence[Sequence[float]]) -> Iterator[tuple[float, ...]]:
+    """Yield sightings from a vehicle's pose with their place and direction turned into its frame.
 
-    Of each sighting: its place, its direction, and the two components of what was measured and of the variances. A
-    handful of them is sooner done in plain numbers than as arrays.
+    Of each sighting: its place, its direction, and the first component of what was measured and the variances of both.
+    A handful of them is sooner done in plain numbers than as arrays.
     """
-    sums, (here_x, here_y) = [], here.tolist()
-    for x, y, cos, sin, distance, _, *noise in sightings.T.tolist():
-        xx, xy, yy = model.information(cos, sin, distance, *noise)
-        weight, across = 1.0 / noise[0], 1.0 / (max(distance, 1e-3) * noise[1])
+    x, y, heading = pose
+    cos, sin = math.cos(heading), math.sin(heading)
+    for ahead, left, along, aside, distance, first, second in sightings:
+        place = x + cos * ahead - sin * left, y + sin * ahead + cos * left
+        toward = cos * along - sin * aside, sin * along + cos * aside
+        yield *place, *toward, distance, max(first, _LEAST), max(second, _LEAST)
+
+
+def _sums(model: SensorModel, pose: Sequence[float], sightings: Sequence[Sequence[float]]) -> list[tuple[float, ...]]:
+    """Return what sightings from a pose add to the parts of `sighted`, each (13,), in their order."""
+    sums: list[tuple[float, ...]] = []
+    here_x, here_y, _ = pose
+    for x, y, cos, sin, distance, first, second in _placed(pose, sightings):
+        xx, xy, yy = model.information(cos, sin, distance, first, second)
+        weight, across = 1.0 / first, 1.0 / (max(distance, 1e-3) * second)
         stretch = weight * distance
         position = xx, xy, xy, yy, xx * x + xy * y, xy * x + yy * y
         view = weight, weight * here_x, weight * here_y
-        sums.append([*position, *view, stretch * cos, stretch * sin, -(across * sin), across * cos])
+        sums.append((*position, *view, stretch * cos, stretch * sin, -(across * sin), across * cos))
     return sums

@@ -6,6 +6,8 @@ fast the bearing of a thing beside the road changes tells its speed as well as i
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,20 +23,22 @@ _SLOWEST_MOVER = 0.5  # of our own speed; what moves along with traffic moves at
 _ROUNDING = 1e-9  # of sums
 
 
-def track(table: FeatureTable, rows: Index, model: SensorModel, sightings: Array, t: float) -> None:
-    """Add sightings (8, A) of rows (A,) at a time to their regressions, each in the axes of the road at its birth.
+def track(
+    table: FeatureTable, rows: Index, model: SensorModel, sightings: Iterable[tuple[float, ...]], t: float
+) -> None:
+    """Add sightings of rows (A,) at a time to their regressions, each in the axes of the road at its birth.
 
-    Of each: its place and direction in dead reckoning's frame, and the two components of what was measured and of the
-    variances.
+    Of each: its place and direction in dead reckoning's frame, the first component of what was measured, and the
+    variances of both.
     """
     sums = []  # of least squares: the matrix of place and speed, then its right-hand side
     axes, origins, born = table.axis.take(rows, axis=0), table.origin.take(rows, axis=0), table.born[rows]
-    for (cos, sin), (x0, y0), start, (place_x, place_y, to_x, to_y, distance, _, *noise) in zip(
-        axes.tolist(), origins.tolist(), born.tolist(), sightings.T.tolist(), strict=True
+    for (cos, sin), (x0, y0), start, (place_x, place_y, to_x, to_y, *measured) in zip(
+        axes.tolist(), origins.tolist(), born.tolist(), sightings, strict=True
     ):
         east, north = place_x - x0, place_y - y0
         x, y = cos * east + sin * north, cos * north - sin * east
-        xx, xy, yy = model.information(cos * to_x + sin * to_y, cos * to_y - sin * to_x, distance, *noise)
+        xx, xy, yy = model.information(cos * to_x + sin * to_y, cos * to_y - sin * to_x, *measured)
         since = t - start
         xx_t, xy_t, right = xx * since, xy * since, xx * x + xy * y
         sums.append([xx, xy, yy, xx_t, xy_t, xx_t * since, right, xy * x + yy * y, right * since])
@@ -53,8 +57,9 @@ def stands_still(
     slowest = max(parameters.mover_speed, _SLOWEST_MOVER * abs(own_speed))
     scale_variance = (_SCALE_ERROR * own_speed) ** 2
     # one by one in plain numbers: of the few finds that are asked of, most fail early
-    for index in enough.nonzero()[0].tolist():
-        xx, xy, yy, xx_t, xy_t, xx_tt, x, y, x_t = table.track[rows[index]].tolist()
+    asked = enough.nonzero()[0]
+    tracks = table.track.take(rows[asked], axis=0).tolist()
+    for index, (xx, xy, yy, xx_t, xy_t, xx_tt, x, y, x_t) in zip(asked.tolist(), tracks, strict=True):
         determinant = xx * yy - xy * xy
         enough[index] = False
         if not determinant > 0.0:

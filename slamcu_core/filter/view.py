@@ -35,8 +35,9 @@ class View(NamedTuple):
     """What one sensor should see at one instant of F rows, the first C of them looked at by every particle.
 
     Of those C, the map's come first, then the car's own finds. `visible` (F,) is P(visible) by field of view, `hidden`
-    (F,) the probability of occlusion, `shown` (F,) that neither keeps it from sight. `marginal` is of the C; of its
-    variances `by_place` (2, C) comes from where the feature may be, `by_motion` (2, C) from the poses' pending noise.
+    (F,) the probability of occlusion, `shown` (F,) that neither keeps it from sight. `marginal` is of the C, `noise`
+    (2, C) the variances of a measurement there; of the marginal's variances `by_place` (2, C) comes from where the
+    feature may be, `by_motion` (2, C) from the poses' pending noise.
     """
 
     rows: Index
@@ -46,6 +47,7 @@ class View(NamedTuple):
     hidden: Array
     shown: Array
     marginal: Marginal
+    noise: Array
     by_place: Array
     by_motion: Array
     distance: Array  # (F,) m, from the mean pose
@@ -110,14 +112,15 @@ class Lookout:
             bearing[mapped:close] = np.arctan2(place[1, mapped:], place[0, mapped:])
             hidden = occlusion_probability(occluders, distance, bearing, std)
             shown = visible * (1.0 - hidden)
-        return View(rows, close, mapped, visible, hidden, shown, marginal, by_place, by_motion, outline.distance)
+        noise = self._model.noise(marginal.mean)
+        return View(rows, close, mapped, visible, hidden, shown, marginal, noise, by_place, by_motion, outline.distance)
 
     def _by_every_particle(
         self, outline: Outline, finds: Index, place: Array, *, cloud: Cloud, covariance: Array, memory: Array
     ) -> Sight:
         """Return how every particle sees places (2, C), the finds among them where each particle has them.
 
-        In the axes of the mean sensor no bearing need be wrapped. Sets the finds' places to their means.
+        In the axes of the mean sensor. Sets the finds' places to their means.
         """
         particles, model, mapped = self._particles, self._model, place.shape[1] - len(finds)
         sensors, _ = model.origin(particles.pose)
@@ -133,9 +136,11 @@ class Lookout:
         pose = cloud.delta
         if not model.has_bearing:
             pose = pose - np.deg2rad([[0.0], [0.0], [model.sensor.mount.yaw_deg]])
-        sight = model.sight_along(pose, delta, cloud.delta[2], out=memory[2:4])
-        # unless they stand behind, or so near that some particle may see them there
-        if place.shape[1] and float(place[0].min()) < bent_within(covariance):
+        # no bearing need be wrapped, unless a place is behind, or so near that some particle may see it there
+        clear = place.shape[1] > 0 and float(place[0].min()) >= bent_within(covariance)
+        ahead = clear and float(delta[0].min()) > 0.0
+        sight = model.sight_along(pose, delta, cloud.delta[2], out=memory[2:4], ahead=ahead)
+        if not clear:
             off, bearing = sight.bearing, np.arctan2(place[1], place[0])[:, None]
             off -= bearing
             wrap_in_place(off)
@@ -150,20 +155,19 @@ class Lookout:
         That is H Σ Hᵀ where the mean pose sees the mean place.
         """
         table, particles, model = self._table, self._particles, self._model
-        spread = np.array(table.covariance.take(rows, axis=0).T, order="C")
+        spread = table.covariance.take(rows, axis=0).T
         spread[:, mapped:] = particles.covariances.take(table.slot[rows[mapped:]], axis=1) @ cloud.weights
         squares = place * place
-        centre = Sight(outline.axes.T @ place, np.sqrt(squares[0] + squares[1]), place[1], None, cloud.mean[:, None])
+        distance = np.sqrt(squares[0] + squares[1])
+        centre = Sight(outline.axes.T @ place, distance, place[1], None, cloud.mean[:, None])
         if not model.has_bearing:
             centre = model.sight(cloud.mean[:, None], centre.delta + model.origin(cloud.mean)[0][:, None])
         by_feature = model.by_feature(centre)
         by_place = ekf.projected(by_feature, spread)
         by_pose = model.by_pose(centre, by_feature)
-        by_motion = np.add.reduce(by_pose[:, None] * np.matmul(pending, by_pose), axis=2)
-        extra = by_place.copy()
-        extra[:2] += by_motion[0]
-        extra[2] += by_motion[1, 1]
-        return extra, by_place[::2], by_motion[[0, 1], [0, 1]]
+        moved = np.matmul(pending, by_pose)
+        by_motion = np.add.reduce(by_pose.take((0, 0, 1), axis=0) * moved.take((0, 1, 1), axis=0), axis=1)
+        return by_place + by_motion, by_place[::2], by_motion[::2]
 
     def _calibrated(self, sight: Sight, out: Array) -> Array:
         """Return measurements (2, C, M) as each particle's calibration makes the sensor show them."""

@@ -15,7 +15,6 @@ from slamcu_core.geometry import rotation, wrap_angle
 from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 _PAIRS = 30.0  # of frames, that the assumption one sets out with is worth
 _OUTLIER = 9.0  # chi-square with 1 degree of freedom; a wrong association says no more than this
@@ -28,7 +27,7 @@ class Whiteness:
         self._model, self._time = model, correlation_time_s
         self._pairs = 0
         self._changed = np.zeros(2)  # Σ d² / (R + R'), whose mean is 1 - ρ
-        self._features: Index = np.zeros(0, dtype=np.intp)  # of the map, seen in the last frame ...
+        self._features: list[int] = []  # of the map, seen in the last frame ...
         self._measurement = self._noise = np.zeros((2, 0))  # ... and how
         self._reckoned = np.zeros(3)
         self._t = -np.inf
@@ -42,17 +41,17 @@ class Whiteness:
         new = min((_PAIRS * assumed + float(self._changed.min())) / (_PAIRS + self._pairs), 1.0)
         return max(new / (2.0 - new), share)
 
-    def learn(self, now: Instant, features: Index, places: Array, measurement: Array, noise: Array) -> None:
-        """Learn from features (A,) of the map at places (2, A), measured (2, A) with variances `noise` (2, A)."""
-        if now.t - self._t < self._time and len(features) and len(self._features):
-            here, before = (features[:, None] == self._features).nonzero()
-            if len(here):
-                order = features[here].argsort()
-                here, before = here[order], before[order]
+    def learn(self, now: Instant, features: list[int], places: Array, measurement: Array, noise: Array) -> None:
+        """Learn from A features of the map at places (2, A), measured (2, A) with variances `noise` (2, A)."""
+        if now.t - self._t < self._time:
+            last = {feature: index for index, feature in enumerate(self._features)}
+            here = [index for index, feature in enumerate(features) if feature in last]
+            if here:
+                before = [last[features[index]] for index in here]
                 poses = np.array([now.pose, self._earlier(now)]).T[:, :, None]
-                shown, last = self._model.predict(poses, places.take(here, axis=1)[:, None]).swapaxes(0, 1)
+                shown, shown_before = self._model.predict(poses, places.take(here, axis=1)[:, None]).swapaxes(0, 1)
                 change = measurement.take(here, axis=1) - shown
-                change -= self._measurement.take(before, axis=1) - last
+                change -= self._measurement.take(before, axis=1) - shown_before
                 if self._model.has_bearing:
                     change[1] = wrap_angle(change[1])
                 square = change * change

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,8 +21,7 @@ from slamcu_core.geometry import wrap_angle, wrap_in_place
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Sight:
+class Sight(NamedTuple):
     """Points as one sensor sees them from vehicle poses, with what the Jacobians need.
 
     `delta` (2, ...) leads from the sensor to the points in the local frame, `distance` (m) and `bearing` (rad from the
@@ -39,15 +39,14 @@ class Sight:
         """What the sensor measures, h(x, m), shape (2, ...), a bearing up to whole turns."""
         return np.array([self.distance, self.bearing]) if self.ahead_left is None else self.ahead_left
 
-    def __getitem__(self, index: NDArray[np.intp]) -> Sight:
+    def some(self, index: NDArray[np.intp]) -> Sight:
         """Return the sight of some of F points, seen from M poses: each array is (..., F, M)."""
         ahead_left = None if self.ahead_left is None else self.ahead_left.take(index, axis=1)
         distance, bearing = self.distance.take(index, axis=0), self.bearing.take(index, axis=0)
         return Sight(self.delta.take(index, axis=1), distance, bearing, ahead_left, self.pose)
 
 
-@dataclass(frozen=True, slots=True)
-class Jacobian:
+class Jacobian(NamedTuple):
     """H = ∂h/∂m of features: a rotation into the sensor's axes, or the line of sight, and for an angle a division.
 
     H = [[cos, sin], [-shrink · sin, shrink · cos]], with `shrink` the inverse of the distance for a bearing, else 1.
@@ -62,11 +61,11 @@ class Jacobian:
         """H, shape (2, 2, ...)."""
         return np.array([[self.cos, self.sin], [-self.shrink * self.sin, self.shrink * self.cos]])
 
-    def __getitem__(self, index: NDArray[np.intp] | slice) -> Jacobian:
+    def some(self, index: NDArray[np.intp]) -> Jacobian:
         """Return the Jacobians of some of F features, seen from M poses."""
         if isinstance(self.shrink, float):
             return self  # of a position sensor: the same for all features
-        return Jacobian(self.cos[index], self.sin[index], self.shrink[index])
+        return Jacobian(self.cos.take(index, axis=0), self.sin.take(index, axis=0), self.shrink.take(index, axis=0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,15 +99,21 @@ class SensorModel:
         place, direction = self.origin(pose)
         return self.sight_along(pose, _difference(points, place), direction)
 
-    def sight_along(self, pose: Array, delta: Array, direction: Array, out: Array | None = None) -> Sight:
+    def sight_along(
+        self, pose: Array, delta: Array, direction: Array, *, out: Array | None = None, ahead: bool = False
+    ) -> Sight:
         """Return how points at `delta` (2, ...) from a sensor with an axis in the given direction look.
 
-        `out` (2, ...) is memory for distances and bearings.
+        `out` (2, ...) is memory for distances and bearings, `ahead` whether all first components are positive.
         """
         squares = np.multiply(delta, delta, out=out)
         distance = np.add(squares[0], squares[1], out=squares[0, ...])
         np.sqrt(distance, out=distance)
-        bearing = np.arctan2(delta[1], delta[0], out=squares[1, ...])
+        if ahead:  # half the time of an arctangent in all quadrants
+            bearing = np.divide(delta[1], delta[0], out=squares[1, ...])
+            np.arctan(bearing, out=bearing)
+        else:
+            bearing = np.arctan2(delta[1], delta[0], out=squares[1, ...])
         bearing -= direction
         if self.has_bearing:
             return Sight(delta, distance, bearing, None, pose)
@@ -166,17 +171,17 @@ class SensorModel:
 
     def in_vehicle(self, measurement: Array) -> tuple[Array, Array]:
         """Return where measurements (2, D) are in the vehicle's frame, m, and directions (2, D) of their first axis."""
-        toward = np.zeros_like(measurement)
+        toward = np.empty(measurement.shape)
         if not self.has_bearing:
-            toward[0] = 1.0
+            toward[0], toward[1] = 1.0, 0.0
             return measurement, toward
         mount = self.sensor.mount
         angle = measurement[1] + math.radians(mount.yaw_deg)
         np.cos(angle, out=toward[0])
         np.sin(angle, out=toward[1])
         ahead_left = measurement[0] * toward
-        ahead_left[0] += mount.x
-        ahead_left[1] += mount.y
+        if mount.x or mount.y:
+            ahead_left += [[mount.x], [mount.y]]
         return ahead_left, toward
 
     def information(
@@ -209,12 +214,14 @@ class SensorModel:
     def noise(self, measurement: ArrayLike) -> Array:
         """Return the variances (2, ...) of R_t for measurements (2, ...); range noise grows with range."""
         z = np.asarray(measurement, float)
-        variance = np.empty_like(z)
+        variance = np.empty(z.shape)
+        sensor = self.sensor
         if self.has_bearing:
-            variance[0] = (self.sensor.range_std_m + self.sensor.range_std_rel * z[0]) ** 2
-            variance[1] = self.sensor.bearing_std_rad**2
+            std = sensor.range_std_rel * z[0]
+            std += sensor.range_std_m
+            variance[0], variance[1] = std * std, sensor.bearing_std_rad**2
         else:
-            variance[...] = self.sensor.position_std_m**2
+            variance[...] = sensor.position_std_m**2
         return variance
 
     def innovation(self, measurement: Array, predicted: Array) -> Array:

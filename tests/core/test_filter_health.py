@@ -36,7 +36,7 @@ class Watch:
                 shown=np.ones(1),
                 due=np.array([RATE]),
                 hit=np.array([hit]),
-                exists=np.array([exists]),
+                exists=lambda rows: np.full(len(rows), exists),
                 squares=np.array([square if hit else 0.0]),
             )
         self.t += 10.0

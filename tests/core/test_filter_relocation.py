@@ -41,7 +41,11 @@ def test_a_constellation_holds_each_thing_once_and_nothing_that_was_seen_once() 
             [things[seen] + rng.normal(0.0, 0.05, (int(seen.sum()), 2)), rng.uniform(50.0, 1e4, (1, 2))]
         )
         sign = np.append(signs[seen], 1)
-        memory.add(Sightings(float(frame), place, np.full(len(sign), 0.1), np.zeros(len(sign), dtype=np.intp), sign))
+        heading = 0.3 * frame  # the car turns where it stands
+        cos, sin = np.cos(heading), np.sin(heading)
+        ahead_left = np.array([[cos, sin], [-sin, cos]]) @ (place - [4.0, 5.0]).T
+        std, kind = np.full(len(sign), 0.1), np.zeros(len(sign), dtype=np.intp)
+        memory.add(Sightings(float(frame), np.array([4.0, 5.0, heading]), ahead_left, std, kind, sign))
     found = memory.constellation()
     order = np.lexsort([found.place[:, 0], found.sign])
     assert found.sign[order].tolist() == [1, 1, 2]

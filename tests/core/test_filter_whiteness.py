@@ -36,7 +36,7 @@ def learned(sensor: Sensor, correlation: float, *, frames: int = 400, dt: float 
         error = correlation * error + np.sqrt(1.0 - correlation**2) * rng.normal(size=SIGNS.shape)
         believed = pose + np.array([wrong / 3.0, -wrong / 3.0, 0.002 * wrong])
         now = Instant(index * dt, ASSUMED, 1.0, believed, reckoned, 0.75)
-        whiteness.learn(now, np.arange(3), SIGNS + wrong / 4.0, truth + np.sqrt(noise) * error, noise)
+        whiteness.learn(now, [0, 1, 2], SIGNS + wrong / 4.0, truth + np.sqrt(noise) * error, noise)
     return whiteness.fresh(ASSUMED)
 
 
@@ -62,7 +62,7 @@ def test_wrong_associations_make_nothing_worth_more_than_itself() -> None:
         now = Instant(index * DT, ASSUMED, 1.0, np.zeros(3), np.zeros(3), 0.0)
         shown = model.predict(np.zeros((3, 1)), SIGNS)
         noise = model.noise(shown)
-        whiteness.learn(now, np.arange(3), SIGNS, shown + (index % 2) * 40.0 * np.sqrt(noise), noise)
+        whiteness.learn(now, [0, 1, 2], SIGNS, shown + (index % 2) * 40.0 * np.sqrt(noise), noise)
     assert whiteness.fresh(ASSUMED) == 1.0
 
 

@@ -62,9 +62,9 @@ def numpy_step(model: SensorModel, step: StepInput) -> StepOutput:
     likelihood = weighting.robust_log_likelihood(
         weighting.gaussian_log_likelihood(innovation, q), step.log_clutter, step.outlier_share
     )
-    new = slice(step.map_place.shape[1], None)
+    new = np.arange(step.map_place.shape[1], points.shape[1])
     means, spread = ekf.update(
-        step.means, by_place[:, new], jacobian[new], innovation[:, new], noise[:, new] / step.temper
+        step.means, by_place[:, new], jacobian.some(new), innovation[:, new], noise[:, new] / step.temper
     )
     return StepOutput(weighting.combine(step.log_weight, likelihood, step.temper), means, spread)
 
