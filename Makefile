@@ -33,7 +33,7 @@ lint: setup ## Check style, types and the import rules
 bench: setup ## Measure the filter, the ingest and the aggregation on this machine, with their curves (SCALE=full: the largest sizes)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/slamcu-eval bench $(if $(SCALE),--scale $(SCALE)) $(BENCH_ARGS)
 
-figures: setup ## Measure again what the documentation quotes (STAGES='paper plots'; MRCLAM_DIR=...: recorded robots too)
+figures: setup ## Measure again what the documentation quotes: takes hours (STAGES='paper plots' does not; MRCLAM_DIR=...: recorded robots too)
 	@scripts/figures $(STAGES)
 
 images: setup ## Build the images of docker-compose.yml, and make its secrets

@@ -213,7 +213,7 @@ def robots(results: dict[str, Figures]) -> Figure | None:
         ax.set_title(f"{name.removeprefix('mrclam-')} s", fontsize=10)
     panels[0].set_ylabel("landmarks told as they are, %")
     panels[0].set_ylim(0.0, 104.0)
-    panels[0].legend(frameon=True, framealpha=0.9, edgecolor="none", loc="lower left")
+    panels[0].legend(frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2)
     figure.suptitle("Recorded robots against wrong maps; 95 % intervals by run and by map", fontsize=10)
     return figure
 

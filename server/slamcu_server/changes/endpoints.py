@@ -40,8 +40,17 @@ async def get_changes(
             max_length=200,
         ),
     ] = None,
-    kind: Annotated[list[Kind], Query(description="Of these kinds only; may be repeated.")] = [],  # noqa: B006
-    state: Annotated[list[State], Query(description="Entries that said one of these; may be repeated.")] = [],  # noqa: B006
+    kind: Annotated[
+        list[Kind],
+        Query(description="Of these kinds only; may be repeated. A change may come to be of another kind."),
+    ] = [],  # noqa: B006
+    state: Annotated[
+        list[State],
+        Query(
+            description="Only entries that said one of these; may be repeated. Leave it out to follow the feed: with "
+            "`confirmed` alone you would never hear that a change was withdrawn."
+        ),
+    ] = [],  # noqa: B006
     map_source: Annotated[str | None, Query(alias="map", description="About this map only.", max_length=200)] = None,
     latest: Annotated[
         bool, Query(description="Only the newest entry of each change: what the service says now.")
@@ -50,8 +59,9 @@ async def get_changes(
 ) -> JSONResponse:
     """Read the feed of changes in the order in which they were said.
 
-    Sequence numbers have no gaps, and what is not visible yet comes after all that is: whoever asks on with `after`
-    misses nothing. A full page has a `next` link; from its end, ask on with `last_sequence`.
+    Sequence numbers have no gaps, and what is not visible yet comes after all that is: whoever asks on with `after`,
+    and filters by neither `state` nor `kind`, misses nothing. A full page has a `next` link; from its end, ask on with
+    `last_sequence`.
     """
     query = FeedQuery(
         after=after,

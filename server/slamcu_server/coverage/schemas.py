@@ -39,7 +39,7 @@ class Coverage(BaseModel):
                     {
                         "z": 14,
                         "x": 8287,
-                        "y": 5640,
+                        "y": 5633,
                         "bbox": [2.087, 48.893, 2.109, 48.908],
                         "features": 41,
                         "verified": 38,
