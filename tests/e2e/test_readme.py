@@ -16,6 +16,8 @@ from pathlib import Path
 
 import pytest
 
+from slamcu_client import VehicleSession
+from slamcu_eval.highway import simulate
 from slamcu_eval.scenario.ports import free_port
 
 ROOT = Path(__file__).parents[2]
@@ -74,6 +76,7 @@ def test_the_tour_runs_as_printed(folder: Path) -> None:
     maps = json.loads(next(line for line in output.split("\n") if line.startswith('{"maps"')))
     assert [(one["source"], one["sequence"], one["features"]) for one in maps["maps"]] == [("highway-7", 2, 9)]
     assert re.search(r"^17 deleted 0\.9", output, re.MULTILINE), "one car alone sees that the sign is gone"
+    assert re.search(r"^\d+ \d+ deleted confirmed$", output, re.MULTILINE), "a follower of the feed is told so"
     assert re.search(
         r"passes reported; UploadResult\(accepted=[1-9]\d*, duplicates=0, rejected=0, remaining=0\)", output
     )
@@ -96,7 +99,37 @@ def test_the_first_commands_are_the_two_that_matter() -> None:
     assert "make test" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/README.md"])
+@pytest.mark.parametrize("document", ["README.md", "docs/client.md"])
+def test_printed_python_holds_for_whatever_a_drive_brings(document: str, tmp_path: Path) -> None:
+    """A recorded drive has finds, which no map feature belongs to: types know that, one run of the tour may not."""
+    text = (ROOT / document).read_text(encoding="utf-8")
+    blocks = [code for language, code in BLOCK.findall(text) if language == "python"]
+    assert blocks
+    for number, code in enumerate(blocks):
+        (tmp_path / f"block_{number}.py").write_text(code, encoding="utf-8")
+    mypy = ["mypy", "--strict", *map(str, sorted(tmp_path.glob("*.py")))]
+    ruff = ["ruff", "check", "--isolated", "--select", "E,F,B,UP", "--line-length", "120", str(tmp_path)]
+    for tool in (mypy, ruff):
+        done = subprocess.run([sys.executable, "-m", *tool], cwd=ROOT, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_first_example_prints_a_drive_with_finds_too(capsys: pytest.CaptureFixture[str]) -> None:
+    code = next(code for _, code in BLOCK.findall(README) if "session.features()" in code)
+    world, drives = simulate(7, length_m=2000.0, normal=8, deleted=2, new=3)
+    with VehicleSession(world.hd_map, drives[0].header) as session:
+        for record in drives[0].records:
+            session.feed(record)
+    exec(code[code.index("for one in session.features()") :], {"session": session})
+    told = capsys.readouterr().out.splitlines()
+    assert len(told) == len(session.features())
+    assert any(line.startswith("found here new") for line in told)
+
+
+@pytest.mark.parametrize(
+    "document",
+    ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", *(f"docs/{path.name}" for path in sorted(ROOT.glob("docs/*.md")))],
+)
 def test_links_lead_somewhere(document: str) -> None:
     path = ROOT / document
     broken = [link for link in LINK.findall(path.read_text(encoding="utf-8")) if not (path.parent / link).exists()]
