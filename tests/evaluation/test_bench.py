@@ -65,6 +65,9 @@ def test_the_server_is_measured_with_everything_taken_and_fused(
     figures = json.loads(file.read_text())
     ingest, fused = figures["ingest"]["messages_per_s"], figures["aggregation"]
     assert figures["ingest"]["http_over_insert"] == pytest.approx(ingest["http"]["median"] / ingest["insert"]["median"])
+    alone = figures["ingest"]["one_by_one"]["processor_ms"]
+    assert 0.0 < alone["database"] < alone["api"]
+    assert ingest["one_by_one"]["median"] < ingest["http"]["median"], "a request costs more than a small message in it"
     rates = {name: rate["median"] for name, rate in fused["per_s"].items()}
     assert fused["two_workers_over_slower_ceiling"] == pytest.approx(
         rates["two_workers"] / min(rates["upsert"], rates["match"])

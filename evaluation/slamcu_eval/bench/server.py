@@ -33,6 +33,7 @@ class BenchServer:
     keys: tuple[str, ...]
     provider: str
     features: int
+    pid: int
 
 
 @contextmanager
@@ -62,8 +63,8 @@ def bench_server(database_url: str, vehicles: int, features: int = 0) -> Iterato
             map_file.write_text("".join(write_hd_map(MAP, road(features))), encoding="utf-8")
             _run(environment, "import-map", str(map_file))
         keys = [_keys(environment, "vehicle", vehicles), _keys(environment, "provider", 1)]
-        with _serving(environment, home) as url:
-            yield BenchServer(url, database_url, keys[0], keys[1][0], features)
+        with _serving(environment, home) as (url, pid):
+            yield BenchServer(url, database_url, keys[0], keys[1][0], features, pid)
 
 
 def _keys(environment: dict[str, str], role: str, count: int) -> tuple[str, ...]:
@@ -81,7 +82,7 @@ def _run(environment: dict[str, str], *arguments: str) -> str:
 
 
 @contextmanager
-def _serving(environment: dict[str, str], home: Path) -> Iterator[str]:
+def _serving(environment: dict[str, str], home: Path) -> Iterator[tuple[str, int]]:
     ready = home / "ready"
     log = home / "server.log"
     with log.open("wb") as sink:
@@ -98,7 +99,7 @@ def _serving(environment: dict[str, str], home: Path) -> Iterator[str]:
             if process.poll() is not None or time.monotonic() > deadline:
                 raise SlamcuError(f"the server did not start: {log.read_text(errors='replace').strip()}")
             time.sleep(0.02)
-        yield ready.read_text(encoding="utf-8").strip()
+        yield ready.read_text(encoding="utf-8").strip(), process.pid
     finally:
         process.terminate()
         try:

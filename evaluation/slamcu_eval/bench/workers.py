@@ -55,10 +55,10 @@ async def working(database_url: str, count: int, connection: asyncpg.Connection[
                 process.wait()
 
 
-async def backends(connection: asyncpg.Connection[Any]) -> list[int]:
-    """Return the process ids of PostgreSQL that serve the workers."""
-    query = "SELECT pid FROM pg_stat_activity WHERE datname = current_database() AND application_name = 'slamcu-worker'"
-    return [row["pid"] for row in await connection.fetch(query)]
+async def backends(connection: asyncpg.Connection[Any], application: str = "slamcu-worker") -> list[int]:
+    """Return the process ids of PostgreSQL that serve an application, the workers unless another is named."""
+    query = "SELECT pid FROM pg_stat_activity WHERE datname = current_database() AND application_name = $1"
+    return [row["pid"] for row in await connection.fetch(query, application)]
 
 
 async def until_fused(connection: asyncpg.Connection[Any], *, patience_s: float = 600.0) -> None:

@@ -227,11 +227,12 @@ def _server_table(ingest: dict[str, Any], aggregation: dict[str, Any]) -> Table:
     table.add_column("what")
     for column in ("median", "least", "most"):
         table.add_column(column, justify="right")
-    http, insert = ingest["messages_per_s"]["http"], ingest["messages_per_s"]["insert"]
+    http, insert, one_by_one = (ingest["messages_per_s"][way] for way in ("http", "insert", "one_by_one"))
     rates = aggregation["per_s"]
     rows = [
         ("ingest over HTTP, messages/s", http),
         ("bare insert of the same, messages/s", insert),
+        (f"messages of {ingest['one_by_one']['passes_per_message']} passes, a request each, messages/s", one_by_one),
         ("acknowledged to fused by one worker, evidences/s", rates["one_worker"]),
         ("acknowledged to fused by two workers, evidences/s", rates["two_workers"]),
         ("ceiling: batched additive upsert, rows/s", rates["upsert"]),
@@ -242,6 +243,8 @@ def _server_table(ingest: dict[str, Any], aggregation: dict[str, Any]) -> Table:
     table.add_row("ingest over bare insert", f"{ingest['http_over_insert']:.2f}", "", "")
     share = aggregation["two_workers_over_slower_ceiling"]
     table.add_row("two workers over the slower ceiling", f"{share:.2f}", "", "")
+    for name, label in (("api", "processor time of such a request: API"), ("database", "the same: database")):
+        table.add_row(label, f"{ingest['one_by_one']['processor_ms'][name]:.1f} ms", "", "")
     used = aggregation["processor_us"]
     for name, label in (
         ("worker", "processor time of an evidence: worker"),
