@@ -36,6 +36,7 @@ class UploadPolicy:
     max_messages: int = 100  # per request
     max_bytes: int = 512 * 1024  # per request, before compression
     idle_s: float = 2.0  # how often an empty outbox is looked at
+    leave_s: float = 2.0  # how long the end of `in_background` waits for an exchange under way
     failures_before_put_off: int = 3  # answers over one message before others go first
     retry: RetryPolicy = field(default_factory=RetryPolicy)
 
@@ -121,7 +122,7 @@ class Uploader:
         if not even what remains can be read at the end.
         """
         deadline = time.monotonic() + timeout_s
-        while (wait_s := self._step()) is not None:
+        while (wait_s := self._step(max(deadline - time.monotonic(), 0.0))) is not None:
             if time.monotonic() + wait_s >= deadline:
                 break
             time.sleep(wait_s)
@@ -129,7 +130,11 @@ class Uploader:
 
     @contextmanager
     def in_background(self) -> Iterator[None]:
-        """Upload in a thread while the block runs, and raise at its end what stopped the thread before."""
+        """Upload in a thread while the block runs, and raise at its end what stopped the thread before.
+
+        The end of the block waits at most `policy.leave_s` for an exchange under way. What that does not settle stays
+        in the outbox and is sent again next time; the server knows it then if it has arrived.
+        """
         stop = threading.Event()
         errors: list[ClientError] = []
 
@@ -146,30 +151,43 @@ class Uploader:
             yield
         finally:
             stop.set()
-            thread.join()
+            thread.join(self._policy.leave_s)
+            if thread.is_alive():
+                _log.info("an exchange is still under way; what it does not settle is sent again next time")
         if errors:
             raise errors[0]
 
     # --- one batch --------------------------------------------------------------------------------------------------
 
-    def _step(self) -> float | None:
-        """Send one batch; return the seconds to wait before the next, or None if there is nothing to send."""
-        with self._one_at_a_time:
-            try:
-                return self._send()
-            except AnswerError as error:
-                self._health = self._health.after_failure(str(error), refused=True)
-                raise
-            except OutboxError as error:
-                # the disk may have room again in a moment
-                if not self._health.failing:
-                    _log.warning("the upload waits for the disk: %s", error)
-                self._health = self._health.after_failure(str(error))
-                return _DISK_RETRY_S
-            except Exception as error:  # noqa: BLE001  (nothing that one answer brings about may end the thread)
-                _log.exception("the upload failed unexpectedly and will be tried again")
-                self._health = self._health.after_failure(f"{type(error).__name__}: {error}", unexpected=True)
-                return self._decide(Failure()).wait_s
+    def _step(self, patience_s: float = -1.0) -> float | None:
+        """Send one batch; return the seconds to wait before the next, or None if there is nothing to send.
+
+        Wait for an exchange in another thread for `patience_s` at most (-1: until it is over), then do nothing.
+        """
+        if not self._one_at_a_time.acquire(timeout=patience_s):
+            return 0.0
+        try:
+            return self._guarded()
+        finally:
+            self._one_at_a_time.release()
+
+    def _guarded(self) -> float | None:
+        """Send one batch; whatever fails is a wait, unless the server itself refuses."""
+        try:
+            return self._send()
+        except AnswerError as error:
+            self._health = self._health.after_failure(str(error), refused=True)
+            raise
+        except OutboxError as error:
+            # the disk may have room again in a moment
+            if not self._health.failing:
+                _log.warning("the upload waits for the disk: %s", error)
+            self._health = self._health.after_failure(str(error))
+            return _DISK_RETRY_S
+        except Exception as error:  # noqa: BLE001  (nothing that one answer brings about may end the thread)
+            _log.exception("the upload failed unexpectedly and will be tried again")
+            self._health = self._health.after_failure(f"{type(error).__name__}: {error}", unexpected=True)
+            return self._decide(Failure()).wait_s
 
     def _send(self) -> float | None:
         self._record()
@@ -217,7 +235,6 @@ class Uploader:
         # grow slowly: twice the size would run into the same 413 again and again
         self._batch_limit = min(self._batch_limit + self._batch_limit // 8 + 1, self._policy.max_messages)
         self._record()
-        self._health = self._health.after_success()
 
     def _record(self) -> None:
         """Write down what the server has settled; until the disk takes it, nothing else is sent."""
@@ -228,6 +245,7 @@ class Uploader:
             except OutboxError:
                 self._unrecorded = settled
                 raise
+            self._health = self._health.after_success()
 
     def _refused(self, batch: list[OutboxMessage], request: Request, response: Response) -> float:
         """Act on an answer that settles nothing; return the seconds to wait."""

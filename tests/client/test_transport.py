@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -51,6 +52,17 @@ def transport() -> Iterator[HttpxTransport]:
     carrier = HttpxTransport(connect_timeout_s=5.0, read_timeout_s=0.3, total_timeout_s=0.6, max_answer_bytes=1000)
     yield carrier
     carrier.close()
+
+
+def exchanges() -> list[threading.Thread]:
+    return [thread for thread in threading.enumerate() if thread.name == "slamcu-exchange"]
+
+
+def wait_until(condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, "nothing happened"
+        time.sleep(0.005)
 
 
 def fault_of(transport: HttpxTransport, url: str) -> Fault:
@@ -103,6 +115,73 @@ def test_a_server_that_trickles_forever(speaks, over, transport) -> None:
             connection.sendall(b".")
 
     assert fault_of(transport, speaks(trickle)) is Fault.TIMEOUT
+
+
+def test_headers_that_trickle_forever(speaks, over, transport) -> None:
+    hung_up = threading.Event()
+
+    def trickle(connection: socket.socket) -> None:
+        connection.sendall(b"HTTP/1.1 200 OK\r\n")
+        try:
+            while not over.wait(0.05):
+                connection.sendall(b"X-More: headers\r\n")
+        finally:
+            hung_up.set()
+
+    begun = time.monotonic()
+    assert fault_of(transport, speaks(trickle)) is Fault.TIMEOUT
+    assert time.monotonic() - begun < 5.0
+    assert hung_up.wait(5.0), "the connection is given up with the exchange"
+    wait_until(lambda: not exchanges())
+
+
+def test_a_name_that_is_looked_up_forever(over, transport, monkeypatch) -> None:
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_args, **_kwargs: over.wait(30.0) and [])
+    begun = time.monotonic()
+    assert fault_of(transport, "http://slamcu.example/") is Fault.TIMEOUT
+    assert time.monotonic() - begun < 5.0
+    over.set()
+    wait_until(lambda: not exchanges())
+
+
+def test_closing_ends_what_is_under_way(speaks, over) -> None:
+    asked = threading.Event()
+
+    def say_nothing(_connection: socket.socket) -> None:
+        asked.set()
+        over.wait(30.0)
+
+    transport = HttpxTransport(read_timeout_s=60.0)
+    faults: list[Fault] = []
+    waiting = threading.Thread(target=lambda url: faults.append(fault_of(transport, url)), args=(speaks(say_nothing),))
+    waiting.start()
+    assert asked.wait(10.0)
+    transport.close()
+    waiting.join(5.0)
+    assert faults == [Fault.INTERRUPTED]
+    assert fault_of(transport, "http://127.0.0.1:1/") is Fault.INTERRUPTED, "closed is closed"
+    wait_until(lambda: not exchanges())
+
+
+def test_one_connection_serves_many_requests(speaks, transport) -> None:
+    answer = OK + b"Content-Length: 5\r\n\r\nhello"
+
+    def talk(connection: socket.socket) -> None:
+        connection.sendall(answer)
+        connection.recv(65536)
+        connection.sendall(answer)
+
+    url = speaks(talk)  # accepts one connection only
+    assert [transport.send(Request("GET", url)).content for _ in range(2)] == [b"hello"] * 2
+
+
+def test_what_fails_unforeseen_is_raised_where_it_was_asked_for(speaks, transport, monkeypatch) -> None:
+    def fail(*_args: object, **_kwargs: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(socket, "getaddrinfo", fail)
+    with pytest.raises(ZeroDivisionError):
+        transport.send(Request("GET", "http://slamcu.example/"))
 
 
 def test_an_answer_that_would_fill_the_memory(speaks, transport) -> None:
