@@ -100,7 +100,7 @@ def fetch_map(address: ServerAddress, name: str, out: Path, bbox: BoundingBox | 
         f"{out}: {identity.source} {identity.version}, {len(snapshot.hd_map) - watched} features and {watched} to watch"
     )
     if not snapshot.fresh:
-        _say(f"the server cannot be reached: this is the copy of {snapshot.fetched_at:%Y-%m-%d %H:%M} UTC")
+        _say(f"{snapshot.stale_because}: this is the copy of {snapshot.fetched_at:%Y-%m-%d %H:%M} UTC")
         return LEFT_OVER
     return DONE
 

@@ -14,10 +14,11 @@ from slamcu_client.atomic_file import replacing
 from slamcu_client.errors import AnswerError, MapUnavailableError, TransportError
 from slamcu_client.files import load_map_file
 from slamcu_client.map_pages import BoundingBox, MapPage, fetch_pages
-from slamcu_client.received import parse_json
+from slamcu_client.received import one_line, parse_json
 from slamcu_client.retry import SAYS_AGAIN
 from slamcu_client.server import Server, is_own_problem
 from slamcu_client.transport import Response
+from slamcu_client.watches import without_unusable_watches
 from slamcu_core.errors import FormatError
 from slamcu_core.formats import load_hd_map
 from slamcu_core.hd_map import HDMap
@@ -32,7 +33,8 @@ class MapSnapshot:
 
     hd_map: HDMap
     fetched_at: datetime  # when this content came from the server
-    fresh: bool  # whether the server has just confirmed it; False: it could not be asked
+    fresh: bool  # whether the server has just confirmed it
+    stale_because: str = ""  # why it has not: what kept the server from being asked, or its map from being used
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +77,9 @@ class MapCache:
     def refresh(self) -> MapSnapshot:
         """Fetch what has changed since the last time, store it, and return the map.
 
-        If the server cannot be reached, is too busy or broken, or something else answers in its place, the cached copy
-        is returned with `fresh` False. A copy that cannot be used is none.
+        If the server cannot be reached, is too busy or broken, or something else answers in its place, and if its map
+        cannot be used, the cached copy is returned with `fresh` False. A copy that cannot be used is none. A watch
+        feature that cannot be used is passed over.
 
         Raises MapUnavailableError if there is no cached copy then, AuthenticationError if the server itself does not
         accept the key, AnswerError if it does not have that map, and OSError if the file cannot be written.
@@ -89,19 +92,26 @@ class MapCache:
                 raise
             if stored is None:
                 raise MapUnavailableError(f"there is no copy of the map in {self.path}, and {error}") from error
-            return MapSnapshot(stored.hd_map, stored.fetched_at, fresh=False)
+            return MapSnapshot(stored.hd_map, stored.fetched_at, fresh=False, stale_because=str(error))
         if stored is not None and pages == stored.pages:
             return MapSnapshot(stored.hd_map, stored.fetched_at, fresh=True)
-        return self._store(pages)
+        try:
+            return self._store(pages)
+        except MapUnavailableError as error:
+            if stored is None:
+                raise
+            _log.warning("%s: the copy in %s serves on", error, self.path)
+            return MapSnapshot(stored.hd_map, stored.fetched_at, fresh=False, stale_because=str(error))
 
     def load(self) -> MapSnapshot:
         """Return the cached copy without asking the server; raise MapUnavailableError if there is none."""
         stored = self._read()
         if stored is None:
             raise MapUnavailableError(f"there is no copy of the map {self._name} in {self.path}")
-        return MapSnapshot(stored.hd_map, stored.fetched_at, fresh=False)
+        return MapSnapshot(stored.hd_map, stored.fetched_at, fresh=False, stale_because="the server was not asked")
 
     def _store(self, pages: tuple[MapPage, ...]) -> MapSnapshot:
+        pages = without_unusable_watches(pages)
         fetched_at = datetime.now(UTC)
         about = {
             "format": _FORMAT,
@@ -112,17 +122,18 @@ class MapCache:
                 for page in pages
             ],
         }
-        with replacing(self.path) as temporary:
-            with temporary.open("w", encoding="utf-8") as file:
-                file.write('{"type": "FeatureCollection",\n')
-                file.write(f'"map": {_dump(pages[0].identity)},\n"slamcu_cache": {_dump(about)},\n"features": [\n')
-                file.write(",\n".join(_dump(feature) for page in pages for feature in page.features))
-                file.write("\n]}\n")
-            # read before it takes the place of a copy that was good
-            try:
+        try:
+            with replacing(self.path) as temporary:
+                with temporary.open("w", encoding="utf-8") as file:
+                    file.write('{"type": "FeatureCollection",\n')
+                    file.write(f'"map": {_dump(pages[0].identity)},\n"slamcu_cache": {_dump(about)},\n"features": [\n')
+                    file.write(",\n".join(_dump(feature) for page in pages for feature in page.features))
+                    file.write("\n]}\n")
+                # read before it takes the place of a copy that was good
                 hd_map = load_map_file(temporary)
-            except FormatError as error:
-                raise MapUnavailableError(f"the server's map cannot be used: {error.message}") from error
+        except (ValueError, RecursionError) as error:  # no map, half a surrogate pair, or brackets without end
+            why = error.message if isinstance(error, FormatError) else str(error)
+            raise MapUnavailableError(f"the server's map cannot be used: {one_line(why)}") from error
         return MapSnapshot(hd_map, fetched_at, fresh=True)
 
     def _read(self) -> _Stored | None:

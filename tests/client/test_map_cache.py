@@ -195,14 +195,54 @@ def test_nonsense_from_a_hotspot_does_not_harm_the_copy(fake, faults, town: Town
     assert cache.path.read_bytes() == before
 
 
-def test_a_map_with_a_broken_feature_does_not_harm_the_copy(town: Town, cache: MapCache) -> None:
+def nested(depth: int) -> list:
+    value: list = []
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
+BROKEN = [
+    {"geometry": {"type": "Point", "coordinates": [2.1, 90.0001]}},
+    {"geometry": None},
+    {"id": "seven"},
+    {"properties": {"class": "traffic_sign", "tile_id": -1, "watch": True, "value": "\ud800"}},
+    {"properties": {"class": "traffic_sign", "tile_id": -1, "value": nested(400)}},
+    {"properties": {"class": "traffic_sign", "tile_id": -1, "existence_confidence": float("nan")}},
+]
+
+
+@pytest.mark.parametrize("broken", BROKEN)
+def test_a_map_with_a_broken_feature_does_not_take_the_place_of_the_copy(town: Town, cache, caplog, broken) -> None:
+    good = town.features[2]
     cache.refresh()
     before = cache.path.read_bytes()
-    town.features[2]["geometry"]["coordinates"] = [2.1, 148.9]
-    with pytest.raises(MapUnavailableError, match="cannot be used"):
-        cache.refresh()
+    town.features[2] = {**good, **broken, "properties": {**broken.get("properties", good["properties"]), "tile_id": 5}}
+    town.features[2]["properties"].pop("watch", None)
+    snapshot = cache.refresh()
+    assert not snapshot.fresh
+    assert object_ids(snapshot.hd_map) == WHOLE
+    assert snapshot.stale_because.startswith("the server's map cannot be used: ")
+    assert "serves on" in caplog.text
     assert cache.path.read_bytes() == before
     assert list(cache.path.parent.iterdir()) == [cache.path], "no half-written file stays behind"
+    cache.path.unlink()
+    with pytest.raises(MapUnavailableError, match="cannot be used"):
+        cache.refresh()
+    assert list(cache.path.parent.iterdir()) == []
+
+
+@pytest.mark.parametrize("broken", [*BROKEN, {"id": 1}, {"properties": {"class": "traffic_sign", "watch": True}}])
+def test_a_watch_feature_that_cannot_be_used_is_passed_over(town: Town, cache, caplog, broken) -> None:
+    town.features += [{**feature(2, tile_id=-1), **broken}, feature(3, tile_id=-1)]
+    snapshot = cache.refresh()
+    assert snapshot.fresh
+    assert object_ids(snapshot.hd_map) == [*WHOLE, (True, 3)]
+    assert caplog.text.count("is passed over") == 1
+    again = cache.refresh()
+    assert again.fresh
+    assert object_ids(again.hd_map) == [*WHOLE, (True, 3)]
+    assert town.sent == [200] * 4 + [304] * 4, "what was passed over does not cost the pages' ETags"
 
 
 def test_an_unknown_map_and_a_wrong_key_are_errors_even_with_a_copy(fake, faults, town: Town, cache, tmp_path) -> None:

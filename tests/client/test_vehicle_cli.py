@@ -182,7 +182,7 @@ def test_a_map_by_name_is_fetched(folder: Path, vehicle, fake, faults, key) -> N
     fake.pages = lambda query, _headers: faults.problem(503)
     code, _, err = vehicle("fetch-map", "--server", fake.url, "--map", "test-road", "--out", "fetched.geojson")
     assert code == 3
-    assert "this is the copy of" in err
+    assert "the server answered 503, Nothing doing: this is the copy of" in err
 
 
 def test_a_car_without_a_map_asks_again_as_long_as_it_waits(folder: Path, vehicle, fake, faults, monkeypatch) -> None:
