@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import logging
 import os
 import sys
@@ -11,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from slamcu_client import commands
+from slamcu_client.errors import ConnectionSettingsError
 from slamcu_client.version import SOFTWARE_VERSION
 from slamcu_core.errors import SlamcuError
 
@@ -40,6 +42,9 @@ of a machine can read its command lines.
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line and return its exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # names of files need not be text
     options = _parser().parse_args(arguments)
     logging.basicConfig(
         level=logging.INFO if options.verbose else logging.ERROR,
@@ -98,7 +103,12 @@ def _server(options: argparse.Namespace) -> commands.ServerAddress:
 
 def _key_from_file() -> str:
     path = os.environ.get(f"{_KEY_VARIABLE}_FILE", "")
-    return Path(path).read_text(encoding="utf-8").strip() if path else ""
+    if not path:
+        return ""
+    try:
+        return Path(path).read_text(encoding="utf-8").strip()
+    except UnicodeDecodeError as error:
+        raise ConnectionSettingsError(f"{path}: holds no API key: it is not UTF-8 text") from error
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -123,7 +133,7 @@ def _parser() -> argparse.ArgumentParser:
     drive.add_argument("--log", type=Path, required=True, metavar="FILE", help="the drive log, .jsonl or .jsonl.gz")
     chart = drive.add_mutually_exclusive_group(required=True)
     chart.add_argument("--map", type=Path, metavar="FILE", help="the HD map, GeoJSON")
-    chart.add_argument("--map-name", metavar="NAME", help="fetch this map from the server instead")
+    chart.add_argument("--map-name", type=_text, metavar="NAME", help="fetch this map from the server instead")
     drive.add_argument(
         "--result", type=Path, metavar="FILE", help="write what this car says about each feature, GeoJSON"
     )
@@ -154,7 +164,7 @@ def _parser() -> argparse.ArgumentParser:
         "transfers only what has changed; without a connection it keeps the copy that is there.",
     )
     _add_server(fetch, required=True)
-    fetch.add_argument("--map", required=True, metavar="NAME", help="the map's name on the server")
+    fetch.add_argument("--map", type=_text, required=True, metavar="NAME", help="the map's name on the server")
     fetch.add_argument("--out", type=Path, required=True, metavar="FILE", help="the file to write, or to renew")
     fetch.add_argument(
         "--bbox",
@@ -211,6 +221,12 @@ def _add_wait(command: argparse.ArgumentParser) -> None:
         metavar="S",
         help="seconds to go on trying if the server does not answer, for the map and for the last reports (default 60)",
     )
+
+
+def _text(text: str) -> str:
+    if not text.isprintable():
+        raise argparse.ArgumentTypeError(f"{text!r} is not printable UTF-8 text")
+    return text
 
 
 def _count(text: str) -> int:

@@ -34,7 +34,13 @@ class Server:
     """
 
     def __init__(self, url: str, api_key: str, transport: Transport | None = None) -> None:
-        parts = urlsplit(url)
+        try:
+            parts = urlsplit(url)
+            port = parts.port
+        except ValueError as error:
+            raise ConnectionSettingsError(f"a server's address looks like https://host[:port], not {url!r}") from error
+        if port == 0 or not url.isprintable() or " " in url:
+            raise ConnectionSettingsError(f"a server's address looks like https://host[:port], not {url!r}")
         if parts.scheme not in {"http", "https"} or not parts.hostname or parts.query or parts.fragment:
             raise ConnectionSettingsError(f"a server's address looks like https://host[:port], not {url!r}")
         if parts.username is not None:

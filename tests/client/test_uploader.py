@@ -357,6 +357,11 @@ def test_the_end_of_the_block_does_not_wait_for_a_slow_exchange(outbox) -> None:
     [
         ("example.org", "k", "address looks like"),
         ("ftp://example.org", "k", "address looks like"),
+        ("http://[::1", "k", "address looks like"),
+        ("http://example.org:65536", "k", "address looks like"),
+        ("http://example.org:0", "k", "address looks like"),
+        ("http://ex\udcffample.org", "k", "address looks like"),
+        ("http://example.org/a b", "k", "address looks like"),
         ("http://user:pw@example.org", "k", "must not carry"),
         ("http://example.org", "", "API key"),
         ("http://example.org", "two words", "API key"),

@@ -96,6 +96,50 @@ def test_the_key_may_come_from_a_file(folder: Path, vehicle, fake, faults, monke
     assert (code, err) == (1, "slamcu-vehicle: no such file: No such file or directory\n")
 
 
+def test_a_key_file_that_is_no_text_is_told_in_one_line(folder: Path, vehicle, monkeypatch) -> None:
+    (folder / "key").write_bytes(b"vk_\xff\xfe")
+    monkeypatch.setenv("SLAMCU_API_KEY_FILE", "key")
+    code, out, err = vehicle(*LOCAL, "--server", "http://localhost")
+    assert (code, out, err) == (1, "", "slamcu-vehicle: key: holds no API key: it is not UTF-8 text\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        ((b"drive", b"--map-name", b"t\xff", b"--log", b"drive.jsonl", b"--server", b"http://localhost"), 2),
+        ((b"fetch-map", b"--map", b"t\xff", b"--out", b"o", b"--server", b"http://localhost"), 2),
+        ((b"fetch-map", b"--map", b"t", b"--out", b"o", b"--server", b"http://local\xffhost"), 1),
+        ((b"fetch-map", b"--map", b"t", b"--out", b"no/\xff", b"--server", b"http://localhost:1"), 1),
+        ((b"upload", b"--outbox", b"\xff", b"--server", b"http://localhost"), 1),
+        ((b"upload", b"--outbox", b"o", b"--server", b"http://localhost", b"--api-key", b"\xff"), 1),
+        ((b"drive", b"--map", b"map.geojson", b"--log", b"\xff"), 1),
+        ((b"drive", b"--map", b"map.geojson", b"--log", b"drive.jsonl", b"--seed", b"\xff"), 2),
+    ],
+)
+def test_arguments_that_are_no_text_are_told_without_a_traceback(folder: Path, arguments, code: int) -> None:
+    Outbox("o").close()
+    environment = os.environ | {"SLAMCU_API_KEY": "key", "PYTHONIOENCODING": "utf-8:strict"}
+    command = [sys.executable.encode(), b"-m", b"slamcu_client", *arguments]
+    done = subprocess.run(command, capture_output=True, check=False, env=environment)
+    assert done.returncode == code
+    told = done.stderr.decode().splitlines()
+    assert told[-1].startswith("slamcu-vehicle")
+    assert "Traceback" not in done.stderr.decode()
+    assert code == 2 or len(told) == 1
+
+
+def test_files_may_have_names_that_are_no_text(folder: Path, fake, faults) -> None:
+    document = json.loads(Path("map.geojson").read_text()) | {"next": None}
+    fake.pages = lambda query, _headers: faults.Answer(200, document, {"ETag": '"1"'})
+    command = [sys.executable.encode(), b"-m", b"slamcu_client", b"fetch-map", b"--map", b"test-road"]
+    command += [b"--server", fake.url.encode(), b"--out", b"m\xff.geojson"]
+    environment = os.environ | {"SLAMCU_API_KEY": faults.key, "PYTHONIOENCODING": "utf-8:strict"}
+    done = subprocess.run(command, capture_output=True, check=False, env=environment)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.startswith(b"m\\udcff.geojson: test-road")
+    assert Path(os.fsdecode(b"m\xff.geojson")).exists()
+
+
 def test_a_log_can_be_driven_at_a_pace(folder: Path, vehicle, drive, monkeypatch) -> None:
     now, slept = [100.0], []
 
