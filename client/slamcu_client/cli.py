@@ -52,6 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         stream=sys.stderr,
     )
     logging.getLogger("httpx").setLevel(logging.WARNING)
+    logging.getLogger("slamcu_client.server").setLevel(logging.INFO if options.verbose else logging.WARNING)
     try:
         return int(options.run(options))
     except SlamcuError as error:

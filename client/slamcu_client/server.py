@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
+from functools import cache
+from ipaddress import ip_address
 from types import TracebackType
 from typing import Any, Self
 from urllib.parse import urlencode, urlsplit
@@ -12,6 +15,7 @@ from slamcu_client.received import one_line, parse_json
 from slamcu_client.transport import HttpxTransport, Request, Response, Transport
 from slamcu_client.version import SOFTWARE_VERSION
 
+_log = logging.getLogger(__name__)
 _PROBLEM = "application/problem+json"
 _OWN_TYPE = "urn:slamcu:problem:"
 
@@ -26,7 +30,8 @@ class Server:
 
     Parameters
     ----------
-    url : address of the server, http or https, with a path prefix if it has one.
+    url : address of the server, https or http, with a path prefix if it has one. Over http the key can be read on the
+        way, which is logged as a warning, unless the host is this machine.
     api_key : the vehicle's key.
     transport : what carries the requests; httpx unless something else is given.
 
@@ -47,6 +52,8 @@ class Server:
             raise ConnectionSettingsError("a server's address must not carry a user name or password")
         if not api_key or not api_key.isascii() or not api_key.isprintable() or " " in api_key:
             raise ConnectionSettingsError("an API key is one word of visible ASCII characters")
+        if parts.scheme == "http" and not _is_loopback(parts.hostname):
+            _warn_of_plain_http(parts.hostname)
         self.url = url.rstrip("/")
         self._api_key = api_key
         self._transport = HttpxTransport() if transport is None else transport
@@ -84,6 +91,21 @@ class Server:
             content,
         )
         return request, self._transport.send(request)
+
+
+def _is_loopback(host: str) -> bool:
+    if host == "localhost" or host.endswith(".localhost"):
+        return True
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:  # a name
+        return False
+
+
+@cache
+def _warn_of_plain_http(host: str) -> None:
+    """Warn of a host, once in the life of the process."""
+    _log.warning("%s is spoken to over plain http: whoever carries the traffic can read the API key", host)
 
 
 def is_own_problem(response: Response) -> bool:

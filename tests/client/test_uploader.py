@@ -373,6 +373,26 @@ def test_wrong_settings_are_named(url: str, key: str, message: str) -> None:
         Server(url, key)
 
 
+def test_plain_http_is_warned_of_once_for_each_host(caplog) -> None:
+    for _ in range(2):
+        for url in ("http://plain.example:8000/a", "http://192.0.2.7", "http://[2001:db8::1]", "https://tls.example"):
+            Server(url, "vk_secret").close()
+        for url in ("http://localhost:1", "http://car.localhost", "http://127.3.2.1", "http://[::1]:8000"):
+            Server(url, "vk_secret").close()
+    warned = [record.getMessage().split()[0] for record in caplog.records]
+    assert warned == ["plain.example", "192.0.2.7", "2001:db8::1"]
+    assert "vk_secret" not in caplog.text
+
+
+def test_the_servers_words_forge_no_line_of_the_log(fake, outbox, uploader, caplog) -> None:
+    fill(outbox, 1)
+    fake.poison = lambda _body: ("bad\nERROR all is lost", "\x1b[31m" + 10_000 * "x")
+    assert uploader.flush(30.0).rejected == 1
+    (line,) = [record.getMessage() for record in caplog.records if "rejected" in record.getMessage()]
+    assert line.isprintable()
+    assert len(line) < 700
+
+
 _FAULTS = ["hang_up", "store_and_hang_up", "store_and_break_off", "429", "500", "503", "page", "ok"]
 
 

@@ -196,6 +196,16 @@ def test_a_server_that_is_away_costs_no_result_and_no_report(folder: Path, vehic
     assert fake.stored
 
 
+def test_plain_http_to_another_machine_is_warned_of_in_one_line(folder: Path, key) -> None:
+    Outbox("car.outbox").close()  # empty: nothing is sent
+    command = [sys.executable, "-m", "slamcu_client", "upload", "--outbox", "car.outbox", "--server"]
+    done = subprocess.run([*command, "http://plain.example"], capture_output=True, check=True, text=True)
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("slamcu-vehicle: plain.example is spoken to over plain http")
+    done = subprocess.run([*command, "http://127.0.0.1:1"], capture_output=True, check=True, text=True)
+    assert done.stderr == ""
+
+
 def test_a_key_that_is_not_accepted(folder: Path, vehicle, fake) -> None:
     code, _, err = vehicle(*LOCAL, "--server", fake.url, "--api-key", "wrong-key", "--result", "out.geojson")
     assert code == 1
