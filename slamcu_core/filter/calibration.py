@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
+from slamcu_core.filter.resampling import systematic
 
 Array = NDArray[np.float64]
+
+_FAR: Final = 50.0  # normalised innovation squared, chi-square with 2 degrees of freedom: once in 7e10 fixes
 
 
 class GnssBias:
@@ -47,10 +51,11 @@ class GnssBias:
         particles.gnss_bias *= share
         return stationary - share * shared
 
-    def update(self, particles: Particles, t: float, fix: Array, std_m: float) -> None:
+    def update(self, particles: Particles, t: float, fix: Array, std_m: float) -> bool:
         """Weigh particles by a fix (2,) in metres with standard deviation `std_m` and update their biases, in place.
 
-        The weight has the tails of Student's t with 4 degrees of freedom, so that a reflected fix does little harm.
+        The weight has the tails of Student's t with 4 degrees of freedom, so that a reflected fix does little harm; one
+        that is far beyond what the particles and their bias allow changes nothing. Return whether it was refused so.
         """
         white = (self._parameters.gnss_white_share * std_m) ** 2
         self.stationary = std_m**2 - white
@@ -64,11 +69,32 @@ class GnssBias:
         self._time = t
         innovation = fix[:, None] - particles.state[:2] - particles.gnss_bias
         total = self._variance + white
+        if not self._square(innovation, particles.weights, total) <= _FAR:  # nor one that is no number
+            return True
         far = np.log1p(np.sum(innovation**2, axis=0) / (4.0 * total))
         particles.log_weight = particles.log_weight - 3.0 * far
         gain = self._variance / total
         particles.gnss_bias += gain * innovation
         self._variance *= 1.0 - gain
+        return False
+
+    @staticmethod
+    def _square(innovation: Array, weights: Array, variance: float) -> float:
+        """Return the normalised square of innovations (2, M), each of a variance of its own, over the particles."""
+        mean = innovation @ weights
+        delta = innovation - mean[:, None]
+        xx, xy, _, yy = ((delta * weights) @ delta.T).ravel().tolist()
+        x, y = mean.tolist()
+        xx, yy = xx + variance, yy + variance
+        return float((yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy))
+
+    def start_over(self, particles: Particles, fix: Array, std_m: float, rng: np.random.Generator) -> None:
+        """Spread particles about the last fix (2,), m, as if the drive started there, in place; headings stay."""
+        particles.select(systematic(particles.weights, rng))
+        particles.restart(fix, particles.state[2], std_m, 0.0, rng)
+        particles.gnss_bias = fix[:, None] - particles.state[:2]
+        self._start_variance = std_m**2
+        self._variance = self._begin(particles, self.stationary)
 
 
 class SensorCalibration:

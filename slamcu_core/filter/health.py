@@ -33,6 +33,9 @@ _FALSE_ALARM = 0.05 / 100.0  # per encounter: in five of a hundred drives of a h
 _LOST = -math.log(_FALSE_ALARM)  # sum from which on reports are not to be believed ...
 _RECOVERED = 0.5 * _LOST  # ... until it has fallen to this
 _MOST = 2.0 * _LOST  # no filter is so lost that it could not find out that it no longer is
+_WITNESSES = 2  # features of the map that speak for the pose against fixes ...
+_WELL = 6.0  # ... and how well they have to fit: 95 % do, if it is right
+_MISSED = 2.0  # detections due of a feature that shows by bringing none that something is wrong
 _DOUBT = 3.0  # sum from which on a better pose is looked for: at worst once in twenty encounters, for it costs little
 
 
@@ -58,6 +61,28 @@ def _none_yet(size: int) -> Array:
     return kept
 
 
+class _Testimony:
+    """What features of the map have shown for a while, each of them once."""
+
+    def __init__(self) -> None:
+        self._due: dict[int, float] = {}  # detections that were due, by row
+        self._fits: dict[int, bool] = {}  # whether those detected fit well where the map has them
+
+    def note(self, rows: Index, due: Array, hit: Array, squares: Array) -> None:
+        """Note a frame's features (F,): detections due and made, normalised innovations squared."""
+        for row, was_due, made, square in zip(rows.tolist(), due.tolist(), hit.tolist(), squares.tolist(), strict=True):
+            self._due[row] = self._due.get(row, 0.0) + was_due
+            if made > 0.0:
+                self._fits.setdefault(row, square < _WELL)
+
+    @property
+    def vouches(self) -> bool:
+        """Whether enough of them were seen where they are to be, and by far most."""
+        well = sum(self._fits.values())
+        missed = sum(due > _MISSED and row not in self._fits for row, due in self._due.items())
+        return well >= _WITNESSES and well > 2 * (len(self._fits) - well + missed)
+
+
 class HealthMonitor:
     """Running statistics of one drive.
 
@@ -72,6 +97,7 @@ class HealthMonitor:
         self._concentration, self._gate = concentration, gate
         # what every feature that was looked for says by all that was not found beside it
         self._nothing_found = -unmapped_share * math.expm1(_FOUND_ODDS)
+        self._asked: _Testimony | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -81,6 +107,8 @@ class HealthMonitor:
         self._encounters = _none_yet(0)
         self._against = 0.0  # Page's sum: ln of how much likelier a wrong pose is than the right one
         self.lost = False  # whether reports are not to be believed
+        if self._asked is not None:
+            self.ask_the_map()
 
     def observe(
         self, squares: list[float], detections: int, unexplained: int, *, expected: float, share: float
@@ -131,6 +159,8 @@ class HealthMonitor:
         if len(in_view) < len(rows):
             rows, mapped, shown, due = rows[in_view], mapped[in_view], shown[in_view], due[in_view]
             hit, squares, made = hit[in_view], squares[in_view], made[in_view]
+        if self._asked is not None:
+            self._asked.note(rows[mapped], due[mapped], hit[mapped], squares[mapped])
         kept = self._encounters_with(rows)
         begins = (t - kept[_Kept.LAST] > _APART_S).nonzero()[0]
         if len(begins):
@@ -175,15 +205,28 @@ class HealthMonitor:
             weight[found] = np.where((hit[found] > _FOUND) & (stands[found] < _STANDS), _FOUND_ODDS, 0.0)
         return np.asarray(weight)
 
+    def ask_the_map(self) -> None:
+        """Begin to ask whether what the map's features show from now on is what the pose makes expect."""
+        self._asked = _Testimony()
+
+    def ask_no_more(self) -> None:
+        """End that question."""
+        self._asked = None
+
+    @property
+    def map_vouches(self) -> bool:
+        """Whether the map's features, since they have been asked, speak for the pose, and nothing else against it."""
+        return self._asked is not None and self._asked.vouches and not self.doubtful
+
     @property
     def doubtful(self) -> bool:
         """Whether there is reason to look for a better pose."""
         return self._against > _DOUBT
 
-    def state(self, effective_share: float) -> Health:
-        """Return the health of the moment; `effective_share` is M_eff / M."""
+    def state(self, effective_share: float, *, contradicted: bool = False) -> Health:
+        """Return the health; `effective_share` is M_eff / M, `contradicted` whether fixes deny the pose."""
         return Health(
-            trusted=not self.lost,
+            trusted=not (self.lost or contradicted),
             effective_particles=min(1.0, effective_share),
             innovation_ratio=self._innovation / (2.0 * self._matched) if self._matched > 0.0 else 1.0,
             unexplained_ratio=min(1.0, self._unexplained / self._detections) if self._detections > 0.0 else 0.0,

@@ -242,9 +242,9 @@ class Particles:
         self.pending = None
 
     def restart(
-        self, place: Array, heading: float, position_std: float, heading_std: float, rng: np.random.Generator
+        self, place: Array, heading: float | Array, position_std: float, heading_std: float, rng: np.random.Generator
     ) -> None:
-        """Spread all particles anew about a pose, in place; what they know of the vehicle stays."""
+        """Spread all particles anew about a place and a heading, or one (M,) for each, in place; the rest stays."""
         count = len(self)
         self.state[:2] = (place + position_std * rng.standard_normal((count, 2))).T
         self.state[2] = heading + heading_std * rng.standard_normal(count)

@@ -18,6 +18,7 @@ from slamcu_core.filter.calibration import GnssBias, SensorCalibration
 from slamcu_core.filter.detectability import DetectionRate
 from slamcu_core.filter.detections import Instant, read_detections
 from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
+from slamcu_core.filter.fixes import FixWatch
 from slamcu_core.filter.frame_handling import FrameHandling, SensorAtWork
 from slamcu_core.filter.frame_update import FrameUpdate
 from slamcu_core.filter.health import HealthMonitor
@@ -124,6 +125,7 @@ class SlamcuFilter:
             unmapped_share=self.parameters.unmapped_share,
             rng=rng,
         )
+        self._fixes = FixWatch(self._particles, self._gnss, self._monitor)
         self._time = 0.0
         self._speed = 0.0
         self._yaw_rate = 0.0
@@ -155,11 +157,7 @@ class SlamcuFilter:
             self._odometry(record)
             return []
         if isinstance(record, GnssFix):
-            self._advance(record.t)
-            self._particles.settle(self._rng)
-            fix = self._around.frame.to_local(record.lon, record.lat)
-            self._gnss.update(self._particles, record.t, fix, record.std_m)
-            self._resample()
+            self._fix(record)
             return []
         sensor = self._sensors.get(record.sensor)
         if sensor is None:
@@ -173,6 +171,17 @@ class SlamcuFilter:
         """End the drive: close every open pass and return its report."""
         self._advance(self._time)
         return self._close(sorted(self._management.open))
+
+    def _fix(self, record: GnssFix) -> None:
+        self._advance(record.t)
+        self._particles.settle(self._rng)
+        fix = self._around.frame.to_local(record.lon, record.lat)
+        refused = self._gnss.update(self._particles, record.t, fix, record.std_m)
+        if self._fixes.note(record.t, fix, record.std_m, refused=refused):
+            self._fixes.start_over(fix, record.std_m, self._rng)
+            self._start_over(fix)
+        else:
+            self._resample()
 
     def _odometry(self, record: Odometry) -> None:
         if record.yaw_rate is None:
@@ -240,9 +249,13 @@ class SlamcuFilter:
     def _find_the_way_back(self, now: Instant) -> None:
         place = self._recovery.find_the_way_back(now, self._around.rows)
         if place is not None:
-            self._management.start_over()
-            self._monitor.reset()
-            self._around.refresh(place, self._particles, force=True)
+            self._start_over(place)
+
+    def _start_over(self, place: Array) -> None:
+        """Forget what was believed from a wrong pose; the particles are at a place (2,), m, by now."""
+        self._management.start_over()
+        self._monitor.reset()
+        self._around.refresh(place, self._particles, force=True)
 
     def _close(self, rows: list[int]) -> list[PassReport]:
         """End the passes of rows and report them."""
@@ -286,7 +299,13 @@ class SlamcuFilter:
     @property
     def health(self) -> Health:
         """How far the filter trusts itself."""
-        return self._monitor.state(self._particles.effective / len(self._particles))
+        effective = self._particles.effective / len(self._particles)
+        return self._monitor.state(effective, contradicted=self._fixes.contradicted)
+
+    @property
+    def fixes(self) -> FixWatch:
+        """What GNSS says of the pose, and how many fixes were refused."""
+        return self._fixes
 
     @property
     def live_rows(self) -> int:

@@ -83,8 +83,9 @@ def each_by_itself(score: Array) -> Index:
     return np.where(score[np.arange(len(score)), best] > 0.0, best, -1).astype(np.intp)
 
 
-def no_fix(*_arguments: object) -> None:
-    """Stand in for `GnssBias.update`: fixes are not taken."""
+def no_fix(*_arguments: object) -> bool:
+    """Stand in for `GnssBias.update`: fixes are not taken, and none of them is an outlier."""
+    return False
 
 
 def nothing_learned(*_arguments: object) -> None:
