@@ -16,6 +16,8 @@ from sqlalchemy.exc import DataError, DBAPIError, InterfaceError, OperationalErr
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from starlette.exceptions import HTTPException
 
+from slamcu_server.logs import told
+
 logger = logging.getLogger(__name__)
 
 MEDIA_TYPE = "application/problem+json"
@@ -107,9 +109,10 @@ async def _on_invalid_request(_: Request, error: Exception) -> JSONResponse:
     return problem_response(422, detail, code="invalid-request", members={"errors": errors})
 
 
-async def _on_data_error(_: Request, error: Exception) -> JSONResponse:
+async def _on_data_error(request: Request, error: Exception) -> JSONResponse:
     # Checks should have refused the value earlier; that they did not is ours, but the value is the client's.
-    logger.warning("the database refused a value of a request: %s", type(error).__name__, exc_info=error)
+    route = getattr(request.scope.get("route"), "path", "an unknown route")
+    logger.warning("the database refused a value of a request to %s: %s", route, told(error))
     return problem_response(422, "the request holds a value that cannot be stored", code="invalid-value")
 
 
@@ -124,7 +127,7 @@ async def _on_database_error(request: Request, error: Exception) -> JSONResponse
     else:  # a refused connection names no file, unlike a file that is missing
         lost = not isinstance(error, OSError) or error.filename is None
     if lost:
-        logger.warning("the database did not answer: %s", error)
+        logger.warning("the database did not answer: %s", told(error))
         detail = "the database is busy or not reachable; the request had no effect and may be repeated"
         return problem_response(503, detail, code="database-unavailable", headers={"Retry-After": "1"})
     return on_unexpected_error(error)

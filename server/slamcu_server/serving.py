@@ -23,6 +23,7 @@ from slamcu_core.errors import SlamcuError
 from slamcu_server.aggregation.policy import load_policy
 from slamcu_server.aggregation.worker import run_worker
 from slamcu_server.app import create_app, create_worker_app
+from slamcu_server.logs import DiscreetFormatter
 from slamcu_server.metrics.instruments import Instruments
 from slamcu_server.runtime import WorkerSupervisor, open_database
 from slamcu_server.settings import Settings
@@ -54,9 +55,10 @@ class _Server(uvicorn.Server):
 
 
 def configure_logging(level: str) -> None:
-    """Send the log to standard error."""
-    form = "%(asctime)s %(levelname)s %(name)s: %(message)s"
-    logging.basicConfig(level=level.upper(), stream=sys.stderr, format=form)
+    """Send the log to standard error, without what errors of the database quote."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(DiscreetFormatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+    logging.basicConfig(level=level.upper(), handlers=[handler])
     for chatty in ("alembic", "asyncio"):
         logging.getLogger(chatty).setLevel(logging.WARNING)
 

@@ -19,6 +19,7 @@ from slamcu_server.aggregation import log
 from slamcu_server.aggregation.batch import BatchError, Fused, process_batch, quarantine
 from slamcu_server.aggregation.fading import fade
 from slamcu_server.aggregation.policy import count_outdated, load_policy, remember_policy
+from slamcu_server.logs import told
 from slamcu_server.metrics.instruments import Instruments
 from slamcu_server.retraction.corrections import correct
 from slamcu_server.settings import Settings
@@ -141,7 +142,7 @@ async def _attempt(engine: AsyncEngine, policy: Policy, limit: int, ids: Sequenc
                 raise
             if attempt == _ATTEMPTS or _lost(cause):
                 raise cause from None
-            logger.info("a batch was rolled back and is tried again: %s", cause)
+            logger.info("a batch was rolled back and is tried again: %s", told(cause))
             await asyncio.sleep(0.05 * 2**attempt)
     raise AssertionError("unreachable")
 
@@ -151,7 +152,7 @@ async def _fuse_alone(engine: AsyncEngine, policy: Policy, message_id: int) -> F
         return await _attempt(engine, policy, 1, [message_id])
     except BatchError as failed:
         cause = failed.__cause__
-        reason = str(cause) if isinstance(cause, SlamcuError) else f"{type(cause).__name__}: {cause}"
+        reason = str(cause) if isinstance(cause, SlamcuError) else told(cause or failed)
         reason = reason.replace("\x00", "?")  # which PostgreSQL cannot store
         logger.exception("message %d is put aside", message_id)
         await quarantine(engine, message_id, reason[:2000])

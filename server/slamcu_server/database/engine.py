@@ -14,6 +14,7 @@ def create_engine(url: str, *, application_name: str = "slamcu", pool_size: int 
         url,
         pool_size=pool_size,
         max_overflow=0,
+        hide_parameters=True,  # they would be quoted in errors
         pool_pre_ping=True,  # the database may have been restarted since a connection was last used
         pool_timeout=10,
         connect_args={

@@ -10,6 +10,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncEngine
 
 from slamcu_server.database import migrate
+from slamcu_server.logs import told
 from slamcu_server.runtime import WorkerSupervisor
 
 logger = logging.getLogger(__name__)
@@ -27,7 +28,7 @@ async def failing(engine: AsyncEngine, worker: WorkerSupervisor | None) -> list[
         if revision is None or (revision != migrate.head() and migrate.known(revision)):
             reasons.append(f"the database's schema is at {revision or 'nothing'}, not at {migrate.head()}")
     except (SQLAlchemyError, asyncpg.PostgresError, OSError, TimeoutError) as error:
-        logger.warning("the database is not reachable: %s", error)
+        logger.warning("the database is not reachable: %s", told(error))
         reasons.append("the database is not reachable")
     if worker is not None and not worker.healthy:
         reasons.append("the aggregation worker of this process does not run")
