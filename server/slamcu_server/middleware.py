@@ -6,12 +6,15 @@ import logging
 import time
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from slamcu_server.metrics.instruments import Instruments
 from slamcu_server.problems import Problem, on_unexpected_error, problem_response
 
 access_logger = logging.getLogger("slamcu_server.access")
+
+_CLIENT_CLOSED = 499  # for the log and the metrics: the client left before it was answered
 
 _SECURITY_HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -45,6 +48,8 @@ class Observe:
 
         try:
             await self._app(scope, receive, send_observed)
+        except ClientDisconnect:  # a car that lost its network in the middle of an upload: nobody is left to answer
+            status = status or _CLIENT_CLOSED
         except Exception as error:  # noqa: BLE001  (the last one that could answer)
             response = on_unexpected_error(error)
             if status == 0:

@@ -67,6 +67,28 @@ async def logged(engine: AsyncEngine) -> list[tuple[str, int, bytes]]:
         return [(row.session_id, row.message_id, bytes(row.body)) for row in rows]
 
 
+def test_a_car_that_loses_its_network_in_the_middle_of_an_upload_is_no_error_of_the_server(
+    live_server: Any, vehicle_headers: dict[str, str]
+) -> None:
+    address = httpx.URL(live_server.url)
+    head = f"POST /v1/data-messages HTTP/1.1\r\nHost: x\r\nAuthorization: {vehicle_headers['Authorization']}\r\n"
+    head += "Content-Type: application/x-protobuf\r\nContent-Length: 1000\r\n\r\n"
+    with socket.create_connection((address.host, address.port)) as car:
+        car.sendall(head.encode() + b"the first bytes")
+        time.sleep(0.3)
+    wanted = 'slamcu_http_requests_total{method="POST",route="/v1/data-messages",status="499"} 1.0'
+    deadline = time.monotonic() + 20
+    while wanted not in (metrics := httpx.get(f"{live_server.url}/metrics").text):
+        assert time.monotonic() < deadline, metrics
+        time.sleep(0.05)
+    assert 'status="500"' not in metrics
+    assert live_server.stop() == 0
+    log = live_server.log.read_text()
+    assert "POST /v1/data-messages 499 " in log
+    assert "ERROR" not in log
+    assert "Traceback" not in log
+
+
 def test_it_serves_and_stops(live_server: Any, vehicle_headers: dict[str, str]) -> None:
     assert httpx.get(f"{live_server.url}/readyz").json() == {"status": "ready"}
     answer = httpx.get(f"{live_server.url}/v1/maps", headers=vehicle_headers)
