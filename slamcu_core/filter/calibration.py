@@ -15,6 +15,7 @@ from slamcu_core.filter.resampling import systematic
 Array = NDArray[np.float64]
 
 _FAR: Final = 50.0  # normalised innovation squared, chi-square with 2 degrees of freedom: once in 7e10 fixes
+ASIDE_M2: Final = 0.25  # m², of what fixes are aside for good: the antenna is not on the axle, nor the datum the map's
 
 
 class GnssBias:
@@ -85,7 +86,7 @@ class GnssBias:
         delta = innovation - mean[:, None]
         xx, xy, _, yy = ((delta * weights) @ delta.T).ravel().tolist()
         x, y = mean.tolist()
-        xx, yy = xx + variance, yy + variance
+        xx, yy = xx + variance + ASIDE_M2, yy + variance + ASIDE_M2
         return float((yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy))
 
     def start_over(self, particles: Particles, fix: Array, std_m: float, rng: np.random.Generator) -> None:

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.filter.calibration import GnssBias
+from slamcu_core.filter.calibration import ASIDE_M2, GnssBias
 from slamcu_core.filter.health import HealthMonitor
 from slamcu_core.filter.particles import Particles
 
@@ -45,7 +45,7 @@ class FixWatch:
         weights = self._particles.weights
         bias = self._particles.gnss_bias @ weights
         self.refused += refused
-        if not refused and float(bias @ bias) <= _NO_BIAS * self._gnss.stationary:
+        if not refused and float(bias @ bias) <= _NO_BIAS * (self._gnss.stationary + ASIDE_M2):
             self._fit()
             return False
         self._fitting = 0

@@ -88,6 +88,11 @@ def no_fix(*_arguments: object) -> bool:
     return False
 
 
+def no_contradiction(*_arguments: object, **_refused: bool) -> bool:
+    """Stand in for `FixWatch.note`: no fix contradicts the pose."""
+    return False
+
+
 def nothing_learned(*_arguments: object) -> None:
     """Stand in for `Whiteness.learn`: frames are not compared."""
 

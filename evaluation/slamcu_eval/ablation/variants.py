@@ -129,7 +129,10 @@ _ALL = (
     Variant(
         "no_gnss",
         "no GNSS after the start",
-        swaps=((f"{CORE}.calibration:GnssBias", "update", parts.no_fix),),
+        swaps=(
+            (f"{CORE}.calibration:GnssBias", "update", parts.no_fix),
+            (f"{CORE}.fixes:FixWatch", "note", parts.no_contradiction),
+        ),
         on_robots=False,
     ),
 )
