@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.errors import FormatError
+from slamcu_core.geometry import Cell, cell_of, cells_within
 
 _CELL_DEG = 0.002  # about 220 m north-south: a few cells cover any sensor's reach
 
@@ -70,9 +71,9 @@ class HDMap:
             seen.add(key)
         self._disputed = frozenset(f.moved_from for f in self.features if f.watched and f.moved_from is not None)
         self.lonlat: NDArray[np.float64] = np.array([(f.lon, f.lat) for f in self.features], float).reshape(-1, 2)
-        self._cells: dict[tuple[int, int], list[int]] = {}
-        for index, cell in enumerate(map(tuple, np.floor(self.lonlat / _CELL_DEG).astype(int).tolist())):
-            self._cells.setdefault(cell, []).append(index)
+        self._cells: dict[Cell, list[int]] = {}
+        for index, feature in enumerate(self.features):
+            self._cells.setdefault(cell_of(feature.lon, feature.lat, _CELL_DEG), []).append(index)
 
     def __len__(self) -> int:
         return len(self.features)
@@ -90,9 +91,6 @@ class HDMap:
 
     def near(self, lon: float, lat: float, radius_m: float) -> NDArray[np.intp]:
         """Return the indices of the features in cells within `radius_m` of a place (a superset, sorted)."""
-        north = radius_m / 110_000.0
-        east = north / max(np.cos(np.deg2rad(lat)), 0.01)
-        x0, x1 = (int(np.floor(v / _CELL_DEG)) for v in (lon - east, lon + east))
-        y0, y1 = (int(np.floor(v / _CELL_DEG)) for v in (lat - north, lat + north))
-        hits = [index for x in range(x0, x1 + 1) for y in range(y0, y1 + 1) for index in self._cells.get((x, y), ())]
+        cells = cells_within(float(lon), float(lat), radius_m, _CELL_DEG)
+        hits = [index for cell in cells for index in self._cells.get(cell, ())]
         return np.array(sorted(hits), dtype=np.intp)

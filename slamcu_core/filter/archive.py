@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.filter.table import FeatureTable
-from slamcu_core.geometry import LocalFrame
+from slamcu_core.geometry import Cell, LocalFrame, cell_of, cells_within
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -57,8 +57,8 @@ class FoundArchive:
     def __init__(self, most: int) -> None:
         self.table = FeatureTable()
         self._most = most
-        self._rows: dict[int, tuple[int, int]] = {}  # row: cell, the oldest first
-        self._cells: dict[tuple[int, int], list[int]] = {}
+        self._rows: dict[int, Cell] = {}  # row: cell, the oldest first
+        self._cells: dict[Cell, list[int]] = {}
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -76,7 +76,7 @@ class FoundArchive:
         self.table.xy[kept] = place
         if table.view_weight[row] > 0.0:
             self.table.view_from[kept] = frame.to_geographic(table.view_from[row] / table.view_weight[row])
-        cell = _cell(place[0], place[1])
+        cell = cell_of(float(place[0]), float(place[1]), _CELL_DEG)
         self._rows[kept] = cell
         self._cells.setdefault(cell, []).append(kept)
         table.release(row)
@@ -85,10 +85,8 @@ class FoundArchive:
         """Return the rows in cells within `radius_m` of a place: more than are that near, never fewer."""
         if not self._rows:
             return []
-        north = radius_m / 110_000.0
-        east = north / max(float(np.cos(np.deg2rad(lat))), 0.01)
-        (x0, y0), (x1, y1) = _cell(lon - east, lat - north), _cell(lon + east, lat + north)
-        return [row for x in range(x0, x1 + 1) for y in range(y0, y1 + 1) for row in self._cells.get((x, y), ())]
+        cells = cells_within(float(lon), float(lat), radius_m, _CELL_DEG)
+        return [row for cell in cells for row in self._cells.get(cell, ())]
 
     def place(self, row: int, frame: LocalFrame) -> Array:
         """Return where a row is, (2,) m in a frame."""
@@ -121,7 +119,3 @@ class FoundArchive:
         if not self._cells[cell]:
             del self._cells[cell]
         self.table.release(row)
-
-
-def _cell(lon: float, lat: float) -> tuple[int, int]:
-    return int(np.floor(lon / _CELL_DEG)), int(np.floor(lat / _CELL_DEG))

@@ -31,12 +31,19 @@ def assign(score: Array) -> NDArray[np.intp]:
         return result
     columns = ((score[rows] > 0.0).any(axis=0)).nonzero()[0]
     gain = np.maximum(score[np.ix_(rows, columns)], 0.0)
-    # a private dummy column of score 0 for each detection: staying alone is always possible
-    cost = np.concatenate([-gain, np.zeros((len(rows), len(rows)))], axis=1)
-    for row, column in enumerate(_shortest_augmenting_paths(cost)):
-        if column < len(columns) and gain[row, column] > 0.0:
+    if len(rows) <= len(columns):
+        pairs = list(enumerate(_shortest_augmenting_paths(_or_alone(gain))))
+    else:  # the fewer choose: their number counts twice in what it costs
+        pairs = [(row, column) for column, row in enumerate(_shortest_augmenting_paths(_or_alone(gain.T)))]
+    for row, column in pairs:
+        if row < len(rows) and column < len(columns) and gain[row, column] > 0.0:
             result[rows[row]] = columns[column]
     return result
+
+
+def _or_alone(gain: Array) -> Array:
+    """Return costs (A, B + A) for gains (A, B): each has a column of its own at no cost, to stay alone in."""
+    return np.concatenate([-gain, np.zeros((len(gain), len(gain)))], axis=1)
 
 
 def _shortest_augmenting_paths(cost: Array) -> list[int]:

@@ -127,6 +127,7 @@ class SlamcuFilter:
         )
         self._fixes = FixWatch(self._particles, self._gnss, self._monitor)
         self._time = 0.0
+        self._last_frame = 0.0  # s, of any sensor
         self._speed = 0.0
         self._yaw_rate = 0.0
         self._travel = Travel()
@@ -224,8 +225,11 @@ class SlamcuFilter:
             raise SlamcuError(f"sensor {record.sensor!r} has two frames at t = {record.t} s")
         share = existence.temper(record.t - sensor.last_frame, self.parameters.correlation_time_s)
         self._advance(record.t)
-        self._calibration.predict(self._particles, min(record.t - max(sensor.last_frame, 0.0), 1e6))
-        sensor.last_frame = record.t
+        gap = record.t - self._last_frame
+        self._calibration.predict(self._particles, gap)
+        # whatever was in view before so long a silence is met anew, also if it is in view again
+        ended = self._close(self._management.out_of_view(record.t)) if gap > self.parameters.pass_gap_s else []
+        sensor.last_frame = self._last_frame = record.t
         cloud = self._particles.cloud()
         if self._around.reanchor(cloud.mean[:2], self._particles):
             cloud = self._particles.cloud()
@@ -244,7 +248,7 @@ class SlamcuFilter:
                 self._find_the_way_back(now)
         else:
             self._particles.settle(self._rng)
-        return self._close(self._management.out_of_view(record.t))
+        return ended + self._close(self._management.out_of_view(record.t))
 
     def _find_the_way_back(self, now: Instant) -> None:
         place = self._recovery.find_the_way_back(now, self._around.rows)
