@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+import gzip
+from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
 from datetime import timedelta
 from typing import Any
@@ -13,6 +15,7 @@ import pytest
 from slamcu_core.hd_map import MapIdentity
 from slamcu_core.reports import DetectionStatus, MeasuredPosition, ReportMessage
 from slamcu_core.sensoris import join_batch, serialize_message
+from slamcu_server.ingest.body import read
 from slamcu_server.ingest.plausibility import FINDS_AT_ONCE, FINDS_AT_ONE_PLACE
 from slamcu_server.ingest.quota import Quota
 from slamcu_server.settings import Settings
@@ -90,6 +93,53 @@ async def test_who_reports_too_much_is_told_when_to_go_on_and_others_are_not(
     assert 1000 <= int(refused.headers["retry-after"]) <= 2001
     other = auth(await issue_key("vehicle", "other"))
     assert (await post(client, other, make_report(1))).status_code == 202
+
+
+async def test_batches_at_the_same_time_overdraw_no_more_than_one_does(
+    client: httpx.AsyncClient, vehicle: dict[str, str], town: MapIdentity, make_report: MakeReport
+) -> None:
+    batches = [[make_report(100 * batch + number) for number in range(1, 31)] for batch in range(6)]
+    answers = await asyncio.gather(*(post(client, vehicle, *batch) for batch in batches))
+    assert sorted(answer.status_code for answer in answers) == [202, 429, 429, 429, 429, 429]
+    assert (await post(client, vehicle, make_report(99))).status_code == 429
+
+
+async def test_what_cannot_be_read_costs_what_it_could_have_held(
+    client: httpx.AsyncClient, vehicle: dict[str, str], town: MapIdentity, make_report: MakeReport
+) -> None:
+    headers = vehicle | {"Content-Type": "application/x-protobuf"}
+    assert (await client.post("/v1/data-messages", content=b"\xff" * 200, headers=headers)).status_code == 400
+    assert (await post(client, vehicle, make_report(1))).status_code == 429
+
+
+async def test_a_gzip_stream_of_ever_so_many_members_is_refused_at_once(
+    client: httpx.AsyncClient, vehicle: dict[str, str], town: MapIdentity, make_report: MakeReport
+) -> None:
+    headers = vehicle | {"Content-Type": "application/x-protobuf", "Content-Encoding": "gzip"}
+    content = gzip.compress(b"") * 65
+    answer = await client.post("/v1/data-messages", content=content, headers=headers)
+    assert (answer.status_code, answer.json()["type"]) == (400, "urn:slamcu:problem:bad-encoding")
+    # one member a message is what a sender may make
+    members = b"".join(gzip.compress(join_batch([serialize_message(make_report(one))])) for one in (1, 2))
+    assert (await client.post("/v1/data-messages", content=members, headers=headers)).json()["accepted"] == 2
+
+
+async def test_others_have_their_turn_while_a_body_is_inflated() -> None:
+    turns = 0
+
+    async def count() -> None:
+        nonlocal turns
+        while True:
+            turns += 1
+            await asyncio.sleep(0)
+
+    async def chunks() -> AsyncIterator[bytes]:
+        yield gzip.compress(bytes(4 * 2**20))
+
+    counting = asyncio.create_task(count())
+    assert len(await read(chunks(), gzip=True, limit=8 * 2**20)) == 4 * 2**20
+    counting.cancel()
+    assert turns > 50
 
 
 def test_a_bucket_fills_steadily_and_holds_no_more_than_a_burst() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import zlib
 from collections.abc import AsyncIterable
 
@@ -13,6 +14,7 @@ PROTOBUF, JSON = "application/x-protobuf", "application/json"
 _ALIASES = {"application/protobuf": PROTOBUF, PROTOBUF: PROTOBUF, JSON: JSON}
 _GZIP = 31  # zlib's window bits for gzip's format
 _PIECE = 64 * 1024
+_MEMBERS = 64  # of a gzip stream: senders make one, perhaps one a message; each costs as much as a small body
 
 
 def media_type(headers: Headers) -> str:
@@ -38,11 +40,12 @@ def is_gzip(headers: Headers) -> bool:
 async def read(chunks: AsyncIterable[bytes], *, gzip: bool, limit: int) -> bytes:
     """Read a body of at most `limit` bytes after decompression, never holding more; answer 413 to a longer one.
 
-    Answers 400 if what should be gzip is not, or ends early.
+    Answers 400 if what should be gzip is not, ends early, or has more members than any sender makes. Others have their
+    turn after each piece.
     """
     body = bytearray()
     inflater = zlib.decompressobj(_GZIP) if gzip else None
-    begun = False
+    begun, members = False, 1
     async for chunk in chunks:
         if inflater is None:
             _extend(body, chunk, limit)
@@ -51,9 +54,15 @@ async def read(chunks: AsyncIterable[bytes], *, gzip: bool, limit: int) -> bytes
         try:
             while left:
                 if inflater.eof:  # gzip allows several members, one after the other
+                    members += 1
+                    if members > _MEMBERS:
+                        raise Problem(400, "bad-encoding", f"the gzip stream has more than {_MEMBERS} members")
                     inflater = zlib.decompressobj(_GZIP)
                 begun = True
-                _extend(body, inflater.decompress(left, _PIECE), limit)
+                piece = inflater.decompress(left, _PIECE)
+                _extend(body, piece, limit)
+                if len(piece) == _PIECE:
+                    await asyncio.sleep(0)
                 left = inflater.unused_data if inflater.eof else inflater.unconsumed_tail
         except zlib.error as error:
             raise Problem(400, "bad-encoding", f"the body is not gzip: {error}") from error
@@ -61,6 +70,7 @@ async def read(chunks: AsyncIterable[bytes], *, gzip: bool, limit: int) -> bytes
         # What is ready but did not fit the last piece is still to come out.
         while begun and not inflater.eof and (rest := inflater.decompress(b"", _PIECE)):
             _extend(body, rest, limit)
+            await asyncio.sleep(0)
         if not inflater.eof:
             raise Problem(400, "bad-encoding", "the gzip stream ends early")
     return bytes(body)

@@ -10,7 +10,7 @@ from fastapi import APIRouter, Request, status
 from slamcu_server.accounts.authentication import Reporter
 from slamcu_server.database.transactions import EngineDependency
 from slamcu_server.ingest import body, service
-from slamcu_server.ingest.quota import Quota
+from slamcu_server.ingest.quota import PASS_BYTES, Quota
 from slamcu_server.ingest.schemas import EXAMPLE_BATCH, IngestResult
 from slamcu_server.metrics.instruments import Instruments
 from slamcu_server.problems import Problem, responses
@@ -47,21 +47,33 @@ async def post_data_messages(request: Request, reporter: Reporter, engine: Engin
     """
     settings: Settings = request.app.state.settings
     quota: Quota = request.app.state.quota
-    if (wait := quota.wait_s(reporter.account_id)) > 0.0:
-        detail = f"this account reports more than {settings.passes_per_s:g} passes a second; send again in {wait:.0f} s"
-        raise Problem(429, "too-many-passes", detail, headers={"Retry-After": str(math.ceil(wait))})
+    _require_room(quota, reporter.account_id)
     is_json = body.media_type(request.headers) == body.JSON
     limit = (
         min(settings.max_json_bytes, settings.max_decompressed_bytes) if is_json else settings.max_decompressed_bytes
     )
     content = await body.read(request.stream(), gzip=body.is_gzip(request.headers), limit=limit)
-    result, passes = await service.ingest(engine, settings, reporter.account_id, content, is_json=is_json)
-    quota.charge(reporter.account_id, passes)
+    _require_room(quota, reporter.account_id)  # others of the account may have come in between
+    most = len(content) // PASS_BYTES + 1
+    with quota.holding(reporter.account_id, most):
+        passes = most
+        try:
+            batch = await service.read(settings, content, is_json=is_json)
+            passes = batch.passes
+        finally:
+            quota.charge(reporter.account_id, passes)
+    result = await service.ingest(engine, reporter.account_id, batch)
     _count(request.app.state.instruments, result)
     if result.rejected and not result.accepted and not result.duplicates:
         detail = f"none of the {len(result.rejected)} messages could be taken; the first: {result.rejected[0].detail}"
         raise Problem(422, "nothing-accepted", detail, **result.model_dump(exclude_none=True))
     return result
+
+
+def _require_room(quota: Quota, account_id: int) -> None:
+    if (wait := quota.wait_s(account_id)) > 0.0:
+        detail = f"this account reports more passes than a car makes; send again in {wait:.0f} s"
+        raise Problem(429, "too-many-passes", detail, headers={"Retry-After": str(math.ceil(wait))})
 
 
 def _count(instruments: Instruments, result: IngestResult) -> None:

@@ -19,6 +19,7 @@ from slamcu_server.aggregation.condensed import condense
 from slamcu_server.ingest import repository
 from slamcu_server.ingest.message_log import LogEntry, MessageLog, Outcome, PostgresMessageLog
 from slamcu_server.ingest.plausibility import implausible
+from slamcu_server.ingest.quota import PASS_BYTES
 from slamcu_server.ingest.schemas import IngestResult, Rejection
 from slamcu_server.problems import Problem
 from slamcu_server.settings import Settings
@@ -36,15 +37,24 @@ class _Readable:
     condensed: bytes
 
 
-async def ingest(
-    engine: AsyncEngine, settings: Settings, account_id: int, body: bytes, *, is_json: bool
-) -> tuple[IngestResult, int]:
-    """Log the good messages of a batch durably; return what became of each, and what the batch costs in passes.
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """The messages of a body, in its order, and those of them that could be read."""
 
-    Everything costs, also what is refused or a duplicate: reading it was work.
+    items: list[BatchItem]
+    readable: list[_Readable]
 
-    Raises Problem 400 if the body as a whole cannot be read, 413 if it holds too many messages, and 422 if no message
-    of it could be taken, now or earlier.
+    @property
+    def passes(self) -> int:
+        """What reading it cost: one a message and one a pass, or as many as an unreadable message could have held."""
+        unread = sum(len(item.body) // PASS_BYTES for item in self.items if item.report is None)
+        return len(self.items) + unread + sum(len(one.report.passes) for one in self.readable)
+
+
+async def read(settings: Settings, body: bytes, *, is_json: bool) -> Batch:
+    """Read a body's messages.
+
+    Raises Problem 400 if the body as a whole cannot be read, and 413 if it holds too many messages.
     """
     limits = WireLimits(
         max_messages=settings.max_messages_per_batch,
@@ -52,10 +62,15 @@ async def ingest(
     )
     try:
         # In a thread: a large batch takes long enough to make other requests wait.
-        items, readable = await asyncio.to_thread(_read, body, limits, is_json=is_json)
+        return await asyncio.to_thread(_read, body, limits, is_json=is_json)
     except WireError as error:
         status = 413 if error.reason == "too-many-messages" else 400
         raise Problem(status, error.reason, error.message) from error
+
+
+async def ingest(engine: AsyncEngine, account_id: int, batch: Batch) -> IngestResult:
+    """Log the good messages of a batch durably, and return what became of each."""
+    items, readable = batch.items, batch.readable
     rejected = [_unreadable(index, item) for index, item in enumerate(items) if item.report is None]
     accepted = duplicates = 0
     impossible = [
@@ -77,19 +92,19 @@ async def ingest(
             if outcome is Outcome.CONFLICT
         ]
         accepted, duplicates = outcomes.count(Outcome.ACCEPTED), outcomes.count(Outcome.DUPLICATE)
-    result = IngestResult(
+    return IngestResult(
         accepted=accepted, duplicates=duplicates, rejected=sorted(rejected, key=lambda rejection: rejection.index)
     )
-    return result, len(items) + sum(len(one.report.passes) for one in readable)
 
 
-def _read(body: bytes, limits: WireLimits, *, is_json: bool) -> tuple[list[BatchItem], list[_Readable]]:
+def _read(body: bytes, limits: WireLimits, *, is_json: bool) -> Batch:
     items = decode_batch(body, is_json=is_json, limits=limits)
-    return items, [
+    readable = [
         _Readable(index, item.body, item.report, condense(item.report))
         for index, item in enumerate(items)
         if item.report is not None
     ]
+    return Batch(items, readable)
 
 
 async def _log(log: MessageLog, account_id: int, messages: Sequence[_Readable]) -> list[Outcome]:
