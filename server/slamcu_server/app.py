@@ -14,6 +14,7 @@ from slamcu_server import problems
 from slamcu_server.accounts.service import Authenticator
 from slamcu_server.aggregation.policy import load_policy
 from slamcu_server.aggregation.worker import run_worker
+from slamcu_server.database.engine import create_engine
 from slamcu_server.health.endpoints import router as health
 from slamcu_server.ingest.quota import Quota
 from slamcu_server.metrics.endpoints import router as metrics
@@ -24,6 +25,7 @@ from slamcu_server.runtime import WorkerSupervisor, open_database
 from slamcu_server.settings import Settings
 
 _WORKER_GRACE_S = 2.0
+_WORKER_CONNECTIONS = 2  # to listen, and to work
 
 _DESCRIPTION = """\
 Vehicles report what they saw of the HD map; the service fuses the reports and publishes the changes that it believes.
@@ -53,12 +55,17 @@ def create_app(settings: Settings, *, engine: AsyncEngine | None = None) -> Fast
             if used is None:
                 used = await stack.enter_async_context(open_database(settings, application_name="slamcu-server"))
             app.state.engine = used
+            # Connections of their own: readiness and the worker must not wait for those that requests keep busy.
+            app.state.readiness = create_engine(used.url, application_name="slamcu-ready", pool_size=1)
+            stack.push_async_callback(app.state.readiness.dispose)
             app.state.authenticator = Authenticator(used)
             app.state.worker = None
             if settings.embedded_worker:
                 instruments: Instruments = app.state.instruments
+                mine = create_engine(used.url, application_name="slamcu-worker", pool_size=_WORKER_CONNECTIONS)
+                stack.push_async_callback(mine.dispose)
                 app.state.worker = WorkerSupervisor(
-                    lambda stop: run_worker(used, settings, stop, instruments=instruments)
+                    lambda stop: run_worker(mine, settings, stop, instruments=instruments)
                 )
                 app.state.worker.start()
                 stack.push_async_callback(app.state.worker.stop, _WORKER_GRACE_S)
@@ -88,6 +95,7 @@ def create_worker_app(engine: AsyncEngine, worker: WorkerSupervisor, instruments
     """Make the application by which a worker process tells how it is: /livez, /readyz and /metrics."""
     app = FastAPI(title="slamcu worker", docs_url=None, redoc_url=None, openapi_url=None, redirect_slashes=False)
     app.state.engine, app.state.worker, app.state.instruments = engine, worker, instruments
+    app.state.readiness = engine  # nothing but the worker and /metrics uses it
     for router in (health, metrics):
         app.include_router(router)
     problems.install(app)

@@ -15,6 +15,7 @@ from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncEngine
 
 from slamcu_server.app import create_app
+from slamcu_server.database import transactions
 from slamcu_server.database.engine import create_engine
 from slamcu_server.settings import Settings
 
@@ -92,6 +93,21 @@ async def test_without_its_database_it_says_so_and_asks_to_come_again(
                 assert "nonexistent" not in problem_of(answer)["detail"]
             assert (await client.get("/livez")).status_code == 200
         await engine.dispose()
+
+
+async def test_a_read_that_takes_too_long_is_given_up(
+    app: FastAPI, client: httpx.AsyncClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def slow(connection: Any) -> None:
+        await connection.execute(text("SELECT pg_sleep(20)"))
+
+    monkeypatch.setattr(transactions, "_STATEMENT_TIMEOUT", text("SET LOCAL statement_timeout = '100ms'"))
+    slow.__annotations__ = {"connection": transactions.ReadTransaction, "return": None}
+    app.get("/slow")(slow)
+    answer = await client.get("/slow")
+    assert answer.status_code == 503
+    assert answer.headers["retry-after"]
+    assert problem_of(answer)["type"] == "urn:slamcu:problem:database-unavailable"
 
 
 async def test_a_declared_length_is_refused_before_it_is_sent(client: httpx.AsyncClient, settings: Settings) -> None:

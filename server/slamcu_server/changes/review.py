@@ -18,6 +18,7 @@ from slamcu_server.changes.belief import OPEN, Kind, State
 from slamcu_server.changes.document import timestamp
 from slamcu_server.changes.repository import StoredChange
 from slamcu_server.changes.schemas import ReviewRequest
+from slamcu_server.database.transactions import deciding
 from slamcu_server.problems import Problem
 from slamcu_server.trust.table import trusting
 
@@ -43,13 +44,14 @@ async def review(
     """Decide on a change, in one transaction under the locks that the worker takes too.
 
     Raises Problem 404 if there is no such change, 428 without If-Match, 412 if the change has another revision by
-    now, and 409 if there is nothing to decide or the map version's name is taken.
+    now, and 409 if there is nothing to decide or the map version's name is taken; the database's error (503) if the
+    locks are not to be had soon.
     """
     asked = _Asked(decision, _tags(if_match), reviewer)
     further: frozenset[Cell] = frozenset()
     while True:
         try:
-            async with engine.begin() as connection:
+            async with deciding(engine) as connection:
                 return await _decide(connection, policy, change_id, asked, further)
         except BeyondLockedCells as beyond:
             further |= beyond.cells

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from sqlalchemy import URL
 from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
 
 
-def create_engine(url: str, *, application_name: str = "slamcu", pool_size: int = 10) -> AsyncEngine:
+def create_engine(url: str | URL, *, application_name: str = "slamcu", pool_size: int = 10) -> AsyncEngine:
     """Create the pool of connections to `url` (postgresql+asyncpg).
 
     Behind PgBouncer add ``?prepared_statement_cache_size=0&statement_cache_size=0`` to the URL.

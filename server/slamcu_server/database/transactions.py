@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from typing import Annotated
 
 from fastapi import Depends, Request
+from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
+
+_LOCK_TIMEOUT = text("SET LOCAL lock_timeout = '3s'")
+_STATEMENT_TIMEOUT = text("SET LOCAL statement_timeout = '30s'")
 
 
 def get_engine(request: Request) -> AsyncEngine:
@@ -20,6 +25,9 @@ async def read_transaction(engine: Annotated[AsyncEngine, Depends(get_engine)]) 
     async with engine.connect() as connection:
         await connection.execution_options(isolation_level="REPEATABLE READ", postgresql_readonly=True)
         async with connection.begin():
+            await connection.execute(
+                _STATEMENT_TIMEOUT
+            )  # of requests only: imports, workers, migrations take their time
             yield connection
 
 
@@ -29,7 +37,22 @@ async def write_transaction(engine: Annotated[AsyncEngine, Depends(get_engine)])
         yield connection
 
 
+@asynccontextmanager
+async def deciding(engine: AsyncEngine) -> AsyncIterator[AsyncConnection]:
+    """Begin a transaction that gives up, as busy, where it would wait long for a lock of an import or a worker."""
+    async with engine.begin() as connection:
+        await connection.execute(_LOCK_TIMEOUT)
+        yield connection
+
+
+async def decision_transaction(engine: Annotated[AsyncEngine, Depends(get_engine)]) -> AsyncIterator[AsyncConnection]:
+    """Give a request a transaction (`deciding`), committed before its response is sent and rolled back if it fails."""
+    async with deciding(engine) as connection:
+        yield connection
+
+
 # scope="function": the commit comes before the answer, so that what is acknowledged is durable.
 ReadTransaction = Annotated[AsyncConnection, Depends(read_transaction, scope="function")]
 WriteTransaction = Annotated[AsyncConnection, Depends(write_transaction, scope="function")]
+DecisionTransaction = Annotated[AsyncConnection, Depends(decision_transaction, scope="function")]
 EngineDependency = Annotated[AsyncEngine, Depends(get_engine)]

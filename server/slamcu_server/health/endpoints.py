@@ -35,7 +35,7 @@ async def livez() -> Alive:
 @router.get("/readyz", response_model=Ready, responses=responses(503))
 async def readyz(request: Request) -> Ready | JSONResponse:
     """Tell whether the database is reachable and of the right schema, and the worker of this process alive."""
-    failing = await service.failing(request.app.state.engine, request.app.state.worker)
+    failing = await service.failing(request.app.state.readiness, request.app.state.worker)
     if failing:
         return problem_response(503, "; ".join(failing), code="not-ready", headers={"Retry-After": "1"})
     return Ready()

@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Response, status
 
 from slamcu_server.accounts.authentication import Admin
-from slamcu_server.database.transactions import ReadTransaction, WriteTransaction
+from slamcu_server.database.transactions import DecisionTransaction, ReadTransaction
 from slamcu_server.problems import responses
 from slamcu_server.retraction import service
 from slamcu_server.retraction.schemas import Retraction, RetractionPage, RetractionRequest, UndoRequest
@@ -24,7 +24,7 @@ RetractionId = Annotated[int, Path(ge=1, le=_ID_MAX)]
     responses={**responses(404), 200: {"model": Retraction, "description": "A dry run, or a retraction that holds."}},
 )
 async def post_retract(
-    admin: Admin, connection: WriteTransaction, asked: RetractionRequest, response: Response
+    admin: Admin, connection: DecisionTransaction, asked: RetractionRequest, response: Response
 ) -> Retraction:
     """Take evidence out, as if it had never been reported.
 
@@ -65,7 +65,7 @@ async def get_retraction(_: Admin, connection: ReadTransaction, retraction_id: R
 
 @router.post("/retractions/{retraction_id}/undo", status_code=status.HTTP_202_ACCEPTED, responses=responses(404))
 async def post_undo(
-    admin: Admin, connection: WriteTransaction, retraction_id: RetractionId, asked: UndoRequest
+    admin: Admin, connection: DecisionTransaction, retraction_id: RetractionId, asked: UndoRequest
 ) -> Retraction:
     """Let the evidence count again that a retraction took out, as far as it is still kept. Again changes nothing."""
     return await service.undo(connection, retraction_id, asked.reason, admin)

@@ -5,14 +5,18 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import time
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
+from sqlalchemy.ext.asyncio import AsyncEngine
 
 from slamcu_server.aggregation import rebuild
+from slamcu_server.aggregation.locks import lock_maps
 from slamcu_server.maps.importer import import_map
+from slamcu_server.retraction.marks import hold_alone
 
 pytestmark = pytest.mark.anyio
 
@@ -232,3 +236,25 @@ async def test_reports_during_a_review_are_neither_lost_nor_counted_twice(
     )
     assert len(counted) == 22
     assert {row.n for row in counted} == {1}
+
+
+async def test_reviews_and_retractions_that_wait_for_an_import_give_up_and_nothing_else_does(
+    *, town: Any, reports: Any, client: httpx.AsyncClient, provider: Headers, admin: Headers, engine: AsyncEngine
+) -> None:
+    await confirm_new(town, reports)
+    async with engine.begin() as connection:
+        await lock_maps(connection)
+        await hold_alone(connection)
+        waiting = [asyncio.create_task(review(client, provider, 1, decision="reject", reason="x")) for _ in range(11)]
+        retract = {"session_id": "s", "reason": "x"}
+        waiting.append(asyncio.create_task(client.post("/v1/evidence/retract", json=retract, headers=admin)))
+        await asyncio.sleep(1.0)  # each has a connection of the pool, or waits for one
+        begun = time.monotonic()
+        assert (await client.get("/readyz")).status_code == 200
+        assert time.monotonic() - begun < 2.0
+        answers = await asyncio.wait_for(asyncio.gather(*waiting), 30)
+    for answer in answers:
+        assert answer.status_code == 503
+        assert answer.headers["retry-after"]
+        assert answer.json()["type"] == "urn:slamcu:problem:database-unavailable"
+    assert (await review(client, provider, 1, decision="reject", reason="x")).status_code == 200
