@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,12 +23,6 @@ def _ecef(lon: Array, lat: Array) -> Array:
     sin_lat, cos_lat = np.sin(lat), np.cos(lat)
     n = _A / np.sqrt(1.0 - _E2 * sin_lat**2)
     return np.stack([n * cos_lat * np.cos(lon), n * cos_lat * np.sin(lon), n * (1.0 - _E2) * sin_lat], axis=-1)
-
-
-def _metres_per_rad(lat: float) -> tuple[float, float]:
-    """Return how many metres a radian of longitude and of latitude (rad) measures."""
-    root = math.sqrt(1.0 - _E2 * math.sin(lat) ** 2)
-    return _A / root * math.cos(lat), _A * (1.0 - _E2) / root**3
 
 
 @dataclass(frozen=True)
@@ -63,39 +59,43 @@ class LocalFrame:
         return np.asarray(points @ self.axes[:2].T)
 
     def to_geographic(self, xy: ArrayLike) -> tuple[Array, Array]:
-        """Lift metres east and north, shape (..., 2), to longitude and latitude in degrees, each of shape (...)."""
+        """Lift metres east and north, shape (..., 2), to longitude and latitude in degrees, each of shape (...).
+
+        Longitudes are in [-180, 180) and latitudes in [-90, 90], across the antimeridian and over a pole too.
+        """
         xy = np.asarray(xy, float)
         if xy.ndim == 1:
-            return self._point_to_geographic(float(xy[0]), float(xy[1]))
-        # Newton's iteration on (lon, lat) with the local metric at the anchor: error falls by (d / radius) each time.
-        lat0 = np.deg2rad(self.lat)
-        metres_per_rad_east, metres_per_rad_north = _metres_per_rad(lat0)
-        lon = self.lon + np.rad2deg(xy[..., 0] / metres_per_rad_east)
-        lat = self.lat + np.rad2deg(xy[..., 1] / metres_per_rad_north)
-        for _ in range(6):
-            error = xy - self.to_local(lon, lat)
-            lon = lon + np.rad2deg(error[..., 0] / metres_per_rad_east)
-            lat = lat + np.rad2deg(error[..., 1] / metres_per_rad_north)
-        return lon, lat
+            lon, lat = _lift(float(xy[0]), float(xy[1]), self.lat, math)
+            lon += self.lon
+            lon += 360.0 if lon < -180.0 else 0.0
+            return np.asarray(lon - 360.0 if lon >= 180.0 else lon), np.asarray(lat)
+        lon, lat = _lift(xy[..., 0], xy[..., 1], self.lat, np)
+        lon = lon + self.lon
+        lon = np.where(lon < -180.0, lon + 360.0, lon)
+        return np.where(lon >= 180.0, lon - 360.0, lon), lat
 
-    def _point_to_geographic(self, x: float, y: float) -> tuple[Array, Array]:
-        """Lift one point: the same iteration in plain floats, which for a single point is many times faster."""
-        lon0, lat0 = math.radians(self.lon), math.radians(self.lat)
-        east, north = _metres_per_rad(lat0)
-        sin_lat0, cos_lat0 = math.sin(lat0), math.cos(lat0)
-        n0 = _A / math.sqrt(1.0 - _E2 * sin_lat0**2)
-        turn, lat = x / east, lat0 + y / north
-        for _ in range(8):
-            sin_lat, cos_lat = math.sin(lat), math.cos(lat)
-            n = _A / math.sqrt(1.0 - _E2 * sin_lat**2)
-            radial = n * cos_lat * math.cos(turn) - n0 * cos_lat0
-            up = (1.0 - _E2) * (n * sin_lat - n0 * sin_lat0)
-            error_x = x - n * cos_lat * math.sin(turn)
-            error_y = y - (cos_lat0 * up - sin_lat0 * radial)
-            turn, lat = turn + error_x / east, lat + error_y / north
-            if abs(error_x) + abs(error_y) < 1e-9:
-                break
-        return np.asarray(math.degrees(lon0 + turn)), np.asarray(math.degrees(lat))
+
+def _lift(x: Any, y: Any, anchor_lat: float, functions: ModuleType) -> tuple[Any, Any]:
+    """Return degrees of longitude from the anchor's meridian, and of latitude.
+
+    Points are lifted to the ellipsoid in closed form: `up` is a root of a quadratic, taken so that no digit is lost.
+
+    Parameters
+    ----------
+    functions : `math` for one point, for which it is many times faster, or `numpy` for arrays.
+    """
+    sin, cos = math.sin(math.radians(anchor_lat)), math.cos(math.radians(anchor_lat))
+    normal = _A / math.sqrt(1.0 - _E2 * sin**2)
+    stretch = 1.0 / (1.0 - _E2)  # of the earth's axis makes the ellipsoid a sphere
+    half = normal + (stretch - 1.0) * sin * cos * y
+    constant = x * x + (sin**2 + stretch * cos**2) * y * y
+    up = -constant / (half + functions.sqrt(half * half - (cos**2 + stretch * sin**2) * constant))
+    # in the meridian plane of the anchor: away from the earth's axis, and along it
+    away = normal * cos - sin * y + cos * up
+    along = normal * sin + stretch * (cos * y + sin * up)
+    return functions.degrees(functions.atan2(x, away)), functions.degrees(
+        functions.atan2(along, functions.hypot(away, x))
+    )
 
 
 def to_local_each(frames: Sequence[LocalFrame], which: ArrayLike, lon: ArrayLike, lat: ArrayLike) -> Array:

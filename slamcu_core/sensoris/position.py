@@ -47,16 +47,14 @@ class _Frame:
     def place(self, offset: Array, covariance: Array) -> MeasuredPosition:
         """Return the place of an offset (3,) in metres whose covariance (3, 3) is along these axes."""
         turned = (self.axes @ offset)[:2]
-        with np.errstate(all="ignore"):  # at a pole there is no east: what comes out is not finite, and refused
-            lon, lat = LocalFrame(self.lon, self.lat).to_geographic(turned)
+        lon, lat = LocalFrame(self.lon, self.lat).to_geographic(turned)
         across = np.array([-turned[1], turned[0]])  # where a small turn of the axes moves the place
         total = (
             (self.axes @ covariance @ self.axes.T)[:2, :2]
             + self.covariance
             + self.yaw_variance * np.outer(across, across)
         )
-        wrapped = (float(lon) + 180.0) % 360.0 - 180.0
-        return MeasuredPosition(wrapped, float(lat), (float(total[0, 0]), float(total[0, 1]), float(total[1, 1])))
+        return MeasuredPosition(float(lon), float(lat), (float(total[0, 0]), float(total[0, 1]), float(total[1, 1])))
 
 
 class PositionReader:

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from slamcu_core.geometry import LocalFrame
 from slamcu_server.aggregation import rebuild
 
 pytestmark = pytest.mark.anyio
@@ -171,6 +172,22 @@ async def test_a_sign_on_the_antimeridian_is_one_sign(town: Any, reports: Any) -
         await town.fuse()
     [candidate] = await town.candidates()
     assert candidate.contributors_for == 2
+
+
+@pytest.mark.parametrize(("lon", "lat"), [(180.0, 10.0), (-180.0, 10.0), (180.0, 89.9999), (5.0, -90.0)])
+async def test_a_sign_at_the_edge_of_the_coordinates_is_told_within_them(
+    town: Any, reports: Any, lon: float, lat: float
+) -> None:
+    here = replace(reports.place(0, 0), lon=lon, lat=lat)
+    for number, car in enumerate("abc"):
+        await town.report(car, reports.find(0, 0, hours=number, position=here))
+    await town.fuse()
+    [told] = [one.document["geometry"]["coordinates"] for one in await town.changes()]
+    [[east, north]] = await town.rows("SELECT ST_X(geom), ST_Y(geom) FROM candidates")
+    assert told == [east, north]
+    assert -180.0 <= east < 180.0
+    assert -90.0 <= north <= 90.0
+    assert LocalFrame(lon, lat).to_local(east, north) == pytest.approx([0.0, 0.0], abs=1e-6)
 
 
 async def test_candidates_are_merged_and_part_again_with_their_ids(town: Any, reports: Any) -> None:
