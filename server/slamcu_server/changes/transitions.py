@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from slamcu_core.aggregation import ClassPolicy
 from slamcu_core.evidence import masses_from_weights
+from slamcu_core.geometry import LocalFrame
 from slamcu_server.changes.belief import DENIED, IN_THE_MAP, Belief, Kind, State, Subject
 from slamcu_server.changes.document import Document
 
@@ -23,6 +24,9 @@ POSITION_SHIFT_STD = 0.25
 
 CONTRIBUTOR_SHARE = 0.2
 """… or when the number of contributors for or against it changed by more than this share (and by one at least)."""
+
+FINEST_STD_M = 0.01
+"""A place is taken for no more precise than this: a map may say of its features that it knows them exactly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,8 +187,7 @@ def _counts_differ(belief: Belief, document: dict[str, Any]) -> bool:
 
 def _shift_in_std(belief: Belief, document: Document) -> float:
     lon, lat = (document.get("to") or document)["geometry"]["coordinates"]
-    north_m = np.deg2rad(belief.lat - lat) * 6_371_000.0
-    east_m = np.deg2rad(belief.lon - lon) * 6_371_000.0 * np.cos(np.deg2rad(lat))
     xx, xy, yy = (document.get("to") or document)["covariance_m2"]
-    shift = np.array([east_m, north_m])
-    return float(np.sqrt(shift @ np.linalg.solve(np.array([[xx, xy], [xy, yy]]), shift)))
+    variances, axes = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
+    shift = LocalFrame(lon, lat).to_local(belief.lon, belief.lat) @ axes
+    return float(np.sqrt(np.sum(shift**2 / np.maximum(variances, FINEST_STD_M**2))))

@@ -190,6 +190,17 @@ async def test_a_sign_at_the_edge_of_the_coordinates_is_told_within_them(
     assert LocalFrame(lon, lat).to_local(east, north) == pytest.approx([0.0, 0.0], abs=1e-6)
 
 
+async def test_a_sign_whose_place_the_map_knows_exactly_is_told_like_any_other(town: Any, reports: Any) -> None:
+    await town.do("UPDATE feature_versions SET position_std_m = 0")
+    for number in range(8):
+        await town.report(f"car-{number}", reports.missed(1, hours=number))
+        await town.fuse()
+    assert await town.scalar("SELECT count(*) FROM messages WHERE state = 'fused'") == 8
+    [change] = await town.changes()
+    assert (change.kind, change.state) == ("deleted", "confirmed")
+    assert change.document["covariance_m2"] == [0.0, 0.0, 0.0]
+
+
 async def test_candidates_are_merged_and_part_again_with_their_ids(town: Any, reports: Any) -> None:
     """What vehicles say about a watch feature follows the pass that founded it."""
     await town.report("a", reports.find(50.0, 0, hours=0, std_m=2.0))

@@ -99,6 +99,22 @@ def test_a_confirmed_change_is_said_again_when_it_matters(changes: dict[str, Any
     assert (decide(claim(belief(**changes)), published(State.CONFIRMED), RULES) is not None) is said
 
 
+@pytest.mark.parametrize(
+    ("now", "said"),
+    [((2.1, 48.9), False), ((2.1, 48.9 + 0.02 / 111_200), True), ((2.1, 48.9 + 0.001 / 111_200), False)],
+)
+def test_a_place_that_the_map_knows_exactly_moves_when_the_map_moves_it(now: tuple[float, float], said: bool) -> None:
+    exact = belief(covariance_m2=(0.0, 0.0, 0.0))
+    moved = replace(exact, lon=now[0], lat=now[1])
+    assert (decide(claim(moved), published(State.CONFIRMED, exact), RULES) is not None) is said
+
+
+def test_the_other_side_of_the_antimeridian_is_near() -> None:
+    before = published(State.CONFIRMED, belief(lon=-180.0))
+    assert decide(claim(belief(lon=180.0 - 0.10 / 73_000)), before, RULES) is None
+    assert decide(claim(belief(lon=180.0 - 0.20 / 73_000)), before, RULES) is not None
+
+
 def test_one_vehicle_more_of_many_is_no_news() -> None:
     many = published(State.CONFIRMED, belief(contributors_for=20))
     assert decide(claim(belief(contributors_for=21)), many, RULES) is None
