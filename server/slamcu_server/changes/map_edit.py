@@ -207,21 +207,31 @@ async def _lock_next(connection: AsyncConnection, map_id: int, version: str | No
     row = result.one()
     sequence = row.current_sequence + 1
     if version is None:
-        imported = await connection.execute(
-            text("""
-            SELECT version, sequence FROM map_versions
-            WHERE map_id = :map AND origin = 'import' ORDER BY sequence DESC LIMIT 1"""),
-            {"map": map_id},
-        )
-        base = imported.one()
-        version = f"{base.version}+{sequence - base.sequence}"
-    taken = await connection.execute(
-        text("SELECT sequence FROM map_versions WHERE map_id = :map AND version = :version"),
-        {"map": map_id, "version": version},
-    )
-    if taken.one_or_none() is not None:
+        version = await _free_name(connection, map_id, sequence)
+    elif await _has_version(connection, map_id, version):
         raise Problem(409, "map-version-taken", f"the map has a version {version!r} already")
     return _NextVersion(sequence, version, row.next_object_id)
+
+
+async def _free_name(connection: AsyncConnection, map_id: int, sequence: int) -> str:
+    """Return the first name that is free: the imported version's, and how many reviews have edited it."""
+    imported = await connection.execute(
+        text("""
+        SELECT version, sequence FROM map_versions
+        WHERE map_id = :map AND origin = 'import' ORDER BY sequence DESC LIMIT 1"""),
+        {"map": map_id},
+    )
+    base = imported.one()
+    number = sequence - base.sequence
+    # a review may have given such a name to its version
+    while await _has_version(connection, map_id, name := f"{base.version}+{number}"):
+        number += 1
+    return name
+
+
+async def _has_version(connection: AsyncConnection, map_id: int, version: str) -> bool:
+    query = text("SELECT EXISTS (SELECT FROM map_versions WHERE map_id = :map AND version = :version)")
+    return bool((await connection.execute(query, {"map": map_id, "version": version})).scalar_one())
 
 
 async def _write_version(

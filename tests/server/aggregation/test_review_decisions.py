@@ -65,6 +65,19 @@ async def test_accepting_a_deletion_makes_a_map_without_the_feature(
     assert [entry.state for entry in await town.entries()] == ["confirmed", "accepted"]
 
 
+async def test_a_version_without_a_name_gets_the_first_that_is_free(
+    town: Any, reports: Any, client: httpx.AsyncClient, provider: Headers
+) -> None:
+    for x in (100.0, 200.0, 300.0):
+        await confirm_new(town, reports, x)
+    versions = []
+    for change, named in ((1, {"version": "2026.05+2"}), (2, {}), (3, {})):
+        answer = await review(client, provider, change, decision="accept", **named)
+        assert answer.status_code == 200, answer.text
+        versions.append(answer.json()["review"]["map_version"])
+    assert versions == ["2026.05+2", "2026.05+3", "2026.05+4"]
+
+
 async def test_accepting_a_new_feature_gives_it_the_prior_and_counts_nothing_twice(
     town: Any, reports: Any, client: httpx.AsyncClient, provider: Headers
 ) -> None:
