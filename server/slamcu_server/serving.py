@@ -104,9 +104,12 @@ async def serve(settings: Settings, *, ready: Callable[[str], None]) -> None:
         serving = asyncio.create_task(server.serve(sockets=[listener]))
         if await _first(serving, server.listening.wait()):
             _collect_less()
-            ready(_url(settings.host, listener))
-            await _first(serving, stop.wait())
-            server.should_exit = True
+            try:
+                ready(_url(settings.host, listener))
+                await _first(serving, stop.wait())
+            finally:
+                server.should_exit = True
+                await serving
         await serving
 
 
@@ -162,10 +165,13 @@ async def _beside(server: _Server, listener: socket.socket, stop: asyncio.Event)
 
 
 def write_ready_file(path: Path, url: str) -> None:
-    """Write the URL to a file that appears whole."""
+    """Write the URL to a file that appears whole; raises ServeError if it cannot."""
     unfinished = path.with_name(path.name + ".new")
-    unfinished.write_text(url + "\n")
-    unfinished.replace(path)
+    try:
+        unfinished.write_text(url + "\n")
+        unfinished.replace(path)
+    except OSError as error:
+        raise ServeError(f"cannot write the ready file {path}: {error.strerror or error}") from error
 
 
 @contextlib.asynccontextmanager

@@ -12,10 +12,9 @@ from typing import Any, Literal, Self
 from pydantic import Field, SecretStr, ValidationError, field_validator
 from pydantic.fields import FieldInfo
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
-from sqlalchemy import make_url
-from sqlalchemy.exc import ArgumentError
 
 from slamcu_core.errors import SlamcuError
+from slamcu_server.database.url import parse_url
 
 
 class SettingsError(SlamcuError):
@@ -124,10 +123,7 @@ class Settings(BaseSettings):
     def _asyncpg(cls, url: str | None) -> str | None:
         if not url:
             return None
-        for prefix in ("postgresql+asyncpg://", "postgresql://", "postgres://"):
-            if url.startswith(prefix):
-                return "postgresql+asyncpg://" + url.removeprefix(prefix)
-        raise ValueError("must begin with postgresql://; there is no other dialect")
+        return parse_url(url).render_as_string(hide_password=False)
 
     @field_validator("data_dir")
     @classmethod
@@ -151,10 +147,7 @@ class Settings(BaseSettings):
         """The SQLAlchemy URL of the configured database, its password included; None: the private cluster."""
         if self.database_url is None or self.database_password is None:
             return self.database_url
-        try:
-            url = make_url(self.database_url)
-        except (ArgumentError, ValueError):
-            raise SettingsError("SLAMCU_DATABASE_URL: is no URL") from None
+        url = parse_url(self.database_url)
         if url.password is not None:
             raise SettingsError("SLAMCU_DATABASE_PASSWORD: SLAMCU_DATABASE_URL holds a password already")
         return url.set(password=self.database_password.get_secret_value()).render_as_string(hide_password=False)

@@ -54,6 +54,8 @@ def test_a_fleet_gets_its_keys_at_once(command: Command) -> None:
         (["create-key", "--role", "vehicle", "--account", "x"], "--account"),
         (["create-key", "--account", "nobody"], "nobody"),
         (["create-key", "--role", "vehicle", "--count", "0"], "count"),
+        (["rotate-key", "x", "--grace-hours", "99999999"], "grace"),
+        (["rotate-key", "x", "--grace-hours", "nan"], "grace"),
     ],
 )
 def test_mistakes_on_the_command_line_are_told(command: Command, arguments: list[str], expected: str) -> None:

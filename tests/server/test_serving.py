@@ -89,6 +89,16 @@ def test_a_car_that_loses_its_network_in_the_middle_of_an_upload_is_no_error_of_
     assert "Traceback" not in log
 
 
+def test_a_ready_file_that_cannot_be_written_is_told_in_one_line(
+    server_environment: dict[str, str], tmp_path: Path
+) -> None:
+    arguments = (*COMMAND, "serve", "--port", "0", "--ready-file", str(tmp_path / "missing" / "ready"))
+    done = subprocess.run(arguments, env=server_environment, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1
+    assert "slamcu-server: cannot write the ready file" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_it_serves_and_stops(live_server: Any, vehicle_headers: dict[str, str]) -> None:
     assert httpx.get(f"{live_server.url}/readyz").json() == {"status": "ready"}
     answer = httpx.get(f"{live_server.url}/v1/maps", headers=vehicle_headers)

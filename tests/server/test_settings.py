@@ -109,6 +109,11 @@ def test_the_data_directory_is_the_user_s(monkeypatch: pytest.MonkeyPatch, tmp_p
         ("message_retention_days", "0"),
         ("embedded_worker", "perhaps"),
         ("database_url", "sqlite:///x"),
+        ("database_url", "postgresql://user:secret@host:many/name"),
+        ("database_url", "postgresql://user:secret@host:70000/name"),
+        ("database_url", "postgresql://user:secret@host/name?sslmode=perhaps"),
+        ("database_url", "postgresql://user:secret@host/name?sslrootcert=/x"),
+        ("database_url", "postgresql://user:secret@host/name?statement_cache_size=none"),
     ],
 )
 def test_a_bad_setting_is_named_in_one_line(monkeypatch: pytest.MonkeyPatch, name: str, value: str) -> None:
@@ -116,3 +121,4 @@ def test_a_bad_setting_is_named_in_one_line(monkeypatch: pytest.MonkeyPatch, nam
     with pytest.raises(SettingsError, match=f"^SLAMCU_{name.upper()}: ") as told:
         Settings.load()
     assert "\n" not in str(told.value)
+    assert "secret" not in str(told.value)

@@ -15,6 +15,8 @@ from slamcu_server.accounts import service as account_service
 from slamcu_server.accounts.schemas import IssuedKey, Role
 from slamcu_server.commands.common import DataDir, in_transaction, say
 
+_GRACE_MAX_H = 24.0 * 366  # a key that is to go on longer needs no rotation
+
 
 def register(app: typer.Typer) -> None:
     """Add these commands to the application."""
@@ -60,7 +62,9 @@ def create_key(
 
 def rotate_key(
     key_id: Annotated[str, typer.Argument(help="The key's id, from list-keys.")],
-    grace_hours: Annotated[float, typer.Option(min=0, help="How long the old key still works.")] = 24.0,
+    grace_hours: Annotated[
+        float, typer.Option(min=0, max=_GRACE_MAX_H, help="How long the old key still works.")
+    ] = 24.0,
     data_dir: DataDir = None,
 ) -> None:
     """Give a key's account a new key and let the old one end; the account and its reports stay the same."""

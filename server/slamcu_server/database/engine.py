@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from sqlalchemy import URL
+from typing import Any
+
+from sqlalchemy import URL, event
 from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
+
+from slamcu_server.database.url import driver_arguments, parse_url
 
 
 def create_engine(url: str | URL, *, application_name: str = "slamcu", pool_size: int = 10) -> AsyncEngine:
-    """Create the pool of connections to `url` (postgresql+asyncpg).
+    """Create the pool of connections to `url`, which `parse_url` takes.
 
     Behind PgBouncer add ``?prepared_statement_cache_size=0&statement_cache_size=0`` to the URL.
     """
-    return create_async_engine(
-        url,
+    engine = create_async_engine(
+        parse_url(url) if isinstance(url, str) else url,
         pool_size=pool_size,
         max_overflow=0,
         hide_parameters=True,  # they would be quoted in errors
@@ -24,3 +28,9 @@ def create_engine(url: str | URL, *, application_name: str = "slamcu", pool_size
             "server_settings": {"application_name": application_name, "jit": "off", "timezone": "UTC"},
         },
     )
+
+    @event.listens_for(engine.sync_engine, "do_connect")
+    def _(_dialect: object, _record: object, _positional: object, arguments: dict[str, Any]) -> None:
+        driver_arguments(arguments)
+
+    return engine
