@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slamcu_core.aggregation.policy import ClassPolicy
-from slamcu_core.aggregation.voices import Layout, Said, first_of, mahalanobis, symmetric
+from slamcu_core.aggregation.voices import Layout, Said, first_of, inverses, mahalanobis
 from slamcu_core.errors import EvidenceError
 
 Array = NDArray[np.float64]
@@ -174,11 +174,11 @@ def _settle(
 def _near(layout: Layout, inlier: NDArray[np.bool_], gates: Array) -> NDArray[np.bool_]:
     """Return (N,), which passes are near what the contributors other than their own say with those that agree."""
     said, begins = layout.said(inlier), first_of(layout.thing)
-    information = np.linalg.inv(said.spreads) * said.present[:, None, None]
+    information = inverses(said.spreads) * said.present[:, None, None]
     vector = np.einsum("vij,vj->vi", information, said.means)
     # leave each pass's own contributor out: nobody is measured against himself
     rest = np.add.reduceat(information, begins)[layout.thing] - information
-    others = np.linalg.inv(rest)
+    others = inverses(rest)
     centres = np.einsum("vij,vj->vi", others, np.add.reduceat(vector, begins)[layout.thing] - vector)
     spreads = layout.own + layout.common + others[layout.voice]
     return np.asarray(mahalanobis(layout.places - centres[layout.voice], spreads) <= gates[layout.thing_of_pass])
@@ -192,8 +192,8 @@ def _speaking(layout: Layout, inlier: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 def _information_mean(layout: Layout, said: Said) -> tuple[Array, Array]:
     """Return the information-weighted means (T, 2) of what is said of things, and their covariances (T, 2, 2)."""
-    information, begins = np.linalg.inv(said.spreads) * said.present[:, None, None], first_of(layout.thing)
-    covariance = symmetric(np.linalg.inv(np.add.reduceat(information, begins)))
+    information, begins = inverses(said.spreads) * said.present[:, None, None], first_of(layout.thing)
+    covariance = inverses(np.add.reduceat(information, begins))
     vector = np.add.reduceat(np.einsum("vij,vj->vi", information, said.means), begins)
     return np.einsum("tij,tj->ti", covariance, vector), covariance
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slamcu_core.geometry import inverse
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Flags = NDArray[np.bool_]
@@ -50,15 +52,14 @@ class Layout:
 
     def said(self, inlier: Flags) -> Said:
         """Return what the voices say with those of their passes that agree."""
-        weights = np.linalg.inv(self.own) * inlier[:, None, None]
+        weights = inverses(self.own) * inlier[:, None, None]
         begins = first_of(self.voice)
         information = np.add.reduceat(weights, begins)
         vector = np.add.reduceat(np.einsum("nij,nj->ni", weights, self.places), begins)
         present = np.logical_or.reduceat(inlier, begins)
         information[~present] = np.eye(2)  # any that can be inverted
-        inverse = np.linalg.inv(information)
-        spreads = symmetric(inverse) + self.common
-        return Said(np.einsum("vij,vj->vi", inverse, vector), spreads, present)
+        spread = inverses(information)
+        return Said(np.einsum("vij,vj->vi", spread, vector), spread + self.common, present)
 
     def pairs(self) -> tuple[Indices, Indices]:
         """Return each pair of voices over the same thing, both ways and with itself, in order of the first."""
@@ -82,6 +83,7 @@ def mahalanobis(difference: Array, covariance: Array) -> Array:
     return np.asarray((yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy))
 
 
-def symmetric(matrix: Array) -> Array:
-    """Return the symmetric part of matrices (..., 2, 2)."""
-    return np.asarray(0.5 * (matrix + matrix.swapaxes(-1, -2)))
+def inverses(matrix: Array) -> Array:
+    """Return the inverses of symmetric matrices (..., 2, 2)."""
+    xx, xy, yy = inverse((matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]))
+    return np.stack([xx, xy, xy, yy], axis=-1).reshape(matrix.shape)
