@@ -42,7 +42,6 @@ messages = Table(
     CheckConstraint("state IN ('pending', 'fused', 'quarantined')", name="state"),
 )
 Index("ix_messages_pending", messages.c.id, postgresql_where=text("state = 'pending'"))
-Index("ix_messages_region", messages.c.region, messages.c.id, postgresql_where=text("state = 'pending'"))
 Index(
     "ix_messages_bodies",
     messages.c.processed_at,
@@ -113,8 +112,8 @@ passes = Table(
     Column("frames_missed", Integer, nullable=False),
     Column("frames_blocked", Integer, nullable=False),
     Column("feature_id", BigInteger),  # the map feature it is about
-    Column("watch_id", BigInteger, ForeignKey("candidates.id")),  # the watch feature it named
-    Column("candidate_id", BigInteger, ForeignKey("candidates.id")),  # the candidate it now counts for
+    Column("watch_id", BigInteger),  # the watch feature it named
+    Column("candidate_id", BigInteger),  # the candidate it now counts for
     point(nullable=True),
     Column("cov_xx", Double),
     Column("cov_xy", Double),
@@ -126,7 +125,7 @@ passes = Table(
     Column("valid", Boolean, nullable=False),  # False: seen, but crossed out or covered: no evidence
     Column("trusted", Boolean, nullable=False),  # the vehicle's own health; if not, many must agree (decision 0022)
     Column("archived", Boolean, nullable=False, server_default=text("false")),
-    Column("retraction_id", BigInteger, ForeignKey("retractions.id")),  # what has taken it out: kept, not folded
+    Column("retraction_id", BigInteger),  # what has taken it out: kept, not folded
     UniqueConstraint("message", "index_in_message"),
 )
 Index("ix_passes_feature", passes.c.feature_id, passes.c.ended_at, postgresql_where=text("feature_id IS NOT NULL"))
