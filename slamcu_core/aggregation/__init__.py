@@ -9,7 +9,7 @@ from slamcu_core.aggregation.contributions import (
     PassEvidence,
     contributions,
 )
-from slamcu_core.aggregation.course import Course, Histories, discounted, fold_histories
+from slamcu_core.aggregation.course import Course, Histories, discounted, fold_histories, moments
 from slamcu_core.aggregation.decay import decayed, fades_at, fades_each, kept_at
 from slamcu_core.aggregation.groups import connected_groups
 from slamcu_core.aggregation.law import FoldedState, FoldStep, Side, fold
@@ -69,6 +69,7 @@ __all__ = [
     "is_gated",
     "judge",
     "kept_at",
+    "moments",
     "pair",
     "tally",
     "trust_share",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,26 +37,28 @@ def fades_at(state: FoldedState, policy: ClassPolicy, side: Side, mass: float) -
     A side that is below it already (it stands on as long as too few have spoken against it) fades when it would be
     below undisputed. None: nothing has been said that speaks for the side.
     """
-    return fades_each([state], policy, side, [mass])[0]
+    last = np.array([np.nan if state.last_informative is None else state.last_informative])
+    weights = np.array([state.weight_for]), np.array([state.weight_against])
+    (told,) = fades_each(*weights, last, np.array([mass]), policy=policy, side=side).tolist()
+    return None if math.isnan(told) else told
 
 
 def fades_each(
-    states: Sequence[FoldedState], policy: ClassPolicy, side: Side, masses: Sequence[float]
-) -> list[float | None]:
-    """Return for each of many states when it fades: what `fades_at` says of it."""
-    own = np.array([state.weight_for for state in states], float)
-    other = np.array([state.weight_against for state in states], float)
-    if side is Side.DELETED:
-        own, other = other, own
-    speaks = np.array([state.last_informative is not None for state in states], bool) & (own > 0.0)
-    kept = np.ones(len(states))
-    if speaks.any():
-        kept[speaks] = _kept_at_mass(own[speaks], other[speaks], np.asarray(masses, float)[speaks])
-    ages = -np.log2(kept) * policy.half_life_days * _DAY_S
-    return [
-        state.last_informative + age if speaking and state.last_informative is not None else None
-        for state, age, speaking in zip(states, ages.tolist(), speaks.tolist(), strict=True)
-    ]
+    weight_for: Array, weight_against: Array, last_informative: Array, masses: Array, *, policy: ClassPolicy, side: Side
+) -> Array:
+    """Return when each of N states fades, (N,) in s of POSIX time: what `fades_at` says of it, NaN for None.
+
+    Parameters
+    ----------
+    last_informative : (N,), s of POSIX time, NaN for never.
+    """
+    own, other = (weight_against, weight_for) if side is Side.DELETED else (weight_for, weight_against)
+    fades = np.full(len(own), np.nan)
+    speaks = np.flatnonzero(~np.isnan(last_informative) & (own > 0.0))
+    if speaks.size:
+        ages = -np.log2(_kept_at_mass(own[speaks], other[speaks], masses[speaks])) * policy.half_life_days * _DAY_S
+        fades[speaks] = last_informative[speaks] + ages
+    return fades
 
 
 def _kept_at_mass(own: Array, other: Array, mass: Array) -> Array:

@@ -9,20 +9,23 @@ from datetime import UTC, datetime
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slamcu_core.aggregation import (
     EPOCH_S,
     ClassPolicy,
+    FoldedColumns,
     FoldedState,
-    PassColumns,
     Side,
     fades_each,
     fold_columns,
     fuse_positions_each,
+    moments,
 )
 from slamcu_core.evidence import masses_from_weights
 from slamcu_core.geometry import LocalFrame, to_local_each
 from slamcu_server.aggregation.cells import Cell, cell_at
+from slamcu_server.aggregation.pass_table import Flags, Indices, PassTable
 from slamcu_server.aggregation.passes import StoredPass
 
 _CALENDAR_END_S = datetime(9999, 12, 31, tzinfo=UTC).timestamp()
@@ -88,78 +91,66 @@ def summarize(
     can bring them back. Only the last that saw it stays. Expired passes are left out of the counts, which are therefore
     a pure function of all that was ever reported, whether the expired passes are still stored or not.
     """
-    ordered = [sorted(passes, key=lambda item: item.order) for passes in things]
-    priors = [0.0] * len(ordered) if prior_weights is None else prior_weights
-    states = fold_columns(_columns(ordered), priors, policy, deleted=side is Side.DELETED).states()
-    fading = _fades_at(states, policy, side)
+    table = PassTable.of(things)
+    priors = [0.0] * len(things) if prior_weights is None else prior_weights
+    folded = fold_columns(table.columns(), priors, policy, deleted=side is Side.DELETED)
+    looked, seen, blocked = table.counts & ~table.blocked, table.counts & table.found, table.counts & table.blocked
+    if side is Side.NEW:  # as `witnesses`
+        unseen = (table.count(seen) == 0) & (folded.weight_for > 0.0)
+        seen |= unseen[table.thing] & table.valid & table.found
+    last_seen = table.last(seen)
+    expired = _expired(table, folded, last_seen, policy, may_expire)
+    columns = zip(
+        folded.states(),
+        table.count(~expired).tolist(),
+        table.count(looked & ~expired).tolist(),
+        table.count(blocked & ~expired).tolist(),
+        table.ends(table.first(seen & ~expired)),
+        table.ends(last_seen),
+        table.ends(table.last(looked)),
+        map(moment, moments(_fades_at(folded, policy, side))),
+        table.count(looked & expired).tolist(),
+        table.count(blocked & expired).tolist(),
+        strict=True,
+    )
+    gone = table.ids_of(expired)
     return [
-        _summary(mine, state, faded, policy, side, may_expire=may_expire)
-        for mine, state, faded in zip(ordered, states, fading, strict=True)
+        Summary(state, passes, looks, blocks, first, last, look, fades, gone.get(number, ()), *forgotten)
+        for number, (state, passes, looks, blocks, first, last, look, fades, *forgotten) in enumerate(columns)
     ]
 
 
-def _columns(things: Sequence[Sequence[StoredPass]]) -> PassColumns:
-    """Return what the law folds of the passes over each thing."""
-    table = np.array(
-        [(item.contributor, item.ended_at.timestamp(), *item.weights) for mine in things for item in mine],
-        [("contributor", "i8"), ("ended_at", "f8"), ("weight_for", "f8"), ("weight_against", "f8")],
-    )
-    thing = np.repeat(np.arange(len(things)), [len(mine) for mine in things])
-    doubtful = np.array([not item.trusted for mine in things for item in mine], bool)
-    contributor, ended_at, weight_for, weight_against = (table[name].copy() for name in table.dtype.names or ())
-    return PassColumns(thing, contributor, ended_at, weight_for, weight_against, doubtful if doubtful.any() else None)
-
-
-def _summary(
-    ordered: Sequence[StoredPass],
-    state: FoldedState,
-    fading: float | None,
+def _expired(
+    table: PassTable,
+    folded: FoldedColumns,
+    last_seen: Indices,
     policy: ClassPolicy,
-    side: Side,
-    *,
     may_expire: Callable[[StoredPass], bool],
-) -> Summary:
-    looked = [item for item in ordered if item.counts and not item.blocked]
-    seen = [item for item in looked if item.found]
-    if not seen and side is Side.NEW and state.weight_for > 0.0:
-        seen = witnesses(ordered)
-    expired: set[int] = set()
-    if state.oldest is not None and state.folded == policy.window:
-        window_epoch = math.floor(state.oldest / EPOCH_S)
-        expired = {
-            item.id
-            for item in ordered
-            if math.floor(item.ended_at.timestamp() / EPOCH_S) < window_epoch and may_expire(item)
-        } - {item.id for item in seen[-1:]}
-    blocked = [item for item in ordered if item.counts and item.blocked]
-    kept_seen = [item for item in seen if item.id not in expired]
-    return Summary(
-        state=state,
-        passes=len(ordered) - len(expired),
-        looked=sum(item.id not in expired for item in looked),
-        blocked=sum(item.id not in expired for item in blocked),
-        first_seen=kept_seen[0].ended_at if kept_seen else None,
-        last_seen=kept_seen[-1].ended_at if kept_seen else None,
-        last_looked=looked[-1].ended_at if looked else None,
-        fades_at=moment(fading),
-        expired=tuple(sorted(expired)),
-        forgotten_looked=sum(item.id in expired for item in looked),
-        forgotten_blocked=sum(item.id in expired for item in blocked),
-    )
+) -> Flags:
+    """Return (P,), which passes no fold will need again."""
+    begin = np.where(folded.folded == policy.window, np.floor(folded.oldest / EPOCH_S), -np.inf)
+    expired = np.floor(table.ended_at / EPOCH_S) < begin[table.thing]
+    for number in np.flatnonzero(expired).tolist():
+        expired[number] = may_expire(table.passes[number])
+    expired[last_seen[last_seen >= 0]] = False
+    return np.asarray(expired)
 
 
-def _fades_at(states: Sequence[FoldedState], policy: ClassPolicy, side: Side) -> list[float | None]:
-    """Return when each state stands, or is spoken of, no longer if no news comes; None for one that is not."""
-    exists, not_exists, _ = masses_from_weights(
-        [state.weight_for for state in states], [state.weight_against for state in states]
+def _fades_at(folded: FoldedColumns, policy: ClassPolicy, side: Side) -> NDArray[np.float64]:
+    """Return when each state stands, or is spoken of, no longer if no news comes; NaN for one that is not."""
+    exists, not_exists, _ = masses_from_weights(folded.weight_for, folded.weight_against)
+    speaks = folded.standing | ((exists if side is Side.NEW else not_exists) >= policy.closing_mass)
+    levels = np.where(folded.standing, policy.leave, policy.closing_mass)
+    told = np.full(len(speaks), np.nan)
+    told[speaks] = fades_each(
+        folded.weight_for[speaks],
+        folded.weight_against[speaks],
+        folded.last_informative[speaks],
+        levels[speaks],
+        policy=policy,
+        side=side,
     )
-    speaks = (exists if side is Side.NEW else not_exists) >= policy.closing_mass
-    levels = [policy.leave if state.standing else policy.closing_mass for state in states]
-    told = fades_each(states, policy, side, levels)
-    return [
-        when if state.standing or speaking else None
-        for state, when, speaking in zip(states, told, speaks.tolist(), strict=True)
-    ]
+    return told
 
 
 def witnesses(passes: Iterable[StoredPass]) -> list[StoredPass]:
@@ -223,11 +214,13 @@ def prevailing(passes: Iterable[StoredPass]) -> tuple[str | None, str | None]:
     """Return the sign and value with the most weight for them; equal weights go by name, and a name beats none."""
     seen = witnesses(passes)
     sign = _heaviest([(item.sign, item.weight_for) for item in seen])
-    value = _heaviest([(item.value, item.weight_for) for item in seen if item.sign in (sign, None)])
+    value = _heaviest([(item.value, item.weight_for) for item in seen if item.sign == sign or item.sign is None])
     return sign, value
 
 
 def _heaviest(votes: Sequence[tuple[str | None, float]]) -> str | None:
     names = sorted({name for name, _ in votes if name is not None})
+    if len(names) < 2:
+        return names[0] if names else None
     weights = {name: math.fsum(weight for voted, weight in votes if voted == name) for name in names}
-    return max(names, key=lambda name: weights[name]) if names else None
+    return max(names, key=lambda name: weights[name])

@@ -19,6 +19,9 @@ _OWN_FIND_MISSED = (
 PassKey = tuple[int, str, int, int]
 """What a pass is whatever order it came in: contributor, session, message id, index in the message."""
 
+MeasuredPlace = tuple[float, float, tuple[float, float, float]]
+"""Longitude and latitude (degrees), and the covariance in m²: xx, xy, yy in east-north."""
+
 
 class StoredPass(NamedTuple):
     """One stored pass; a tuple, because a fold reads thousands of them."""
@@ -39,9 +42,7 @@ class StoredPass(NamedTuple):
     feature_id: int | None = None  # the map feature it counts for
     watch_id: int | None = None  # the watch feature it named
     candidate_id: int | None = None  # the candidate it counts for
-    lon: float | None = None  # degrees
-    lat: float | None = None
-    covariance_m2: tuple[float, float, float] | None = None  # xx, xy, yy in east-north
+    place: MeasuredPlace | None = None  # if it has one
     archived: bool = False  # kept to be explained, and not folded
 
     @property
@@ -71,13 +72,6 @@ class StoredPass(NamedTuple):
     def found(self) -> bool:
         """Whether the feature was seen, crossed out or not."""
         return self.status in FOUND_STATUSES
-
-    @property
-    def place(self) -> tuple[float, float, tuple[float, float, float]] | None:
-        """Longitude, latitude and covariance, if it has a place."""
-        if self.lon is None or self.lat is None or self.covariance_m2 is None:
-            return None
-        return self.lon, self.lat, self.covariance_m2
 
     @property
     def clusters(self) -> bool:

@@ -251,7 +251,5 @@ def stored_pass(row: Row[*tuple[Any, ...]]) -> StoredPass:
         feature_id,
         watch_id,
         candidate_id,
-        lon,
-        lat,
-        None if xx is None else (xx, xy, yy),
+        None if xx is None else (lon, lat, (xx, xy, yy)),
     )

@@ -171,8 +171,7 @@ def passes_of(resolved: Resolved, chosen: Indices, ids: Ids) -> list[StoredPass]
     made = []
     for key, message, index, kind, sign, value, feature, watch, candidate, archived, record, start, end in columns:
         claimed = reported.claimed[message]
-        f, a, status, flags, lon, lat, *covariance = record
-        placed = bool(flags & PLACED)
+        f, a, status, flags, lon, lat, xx, xy, yy = record
         made.append(
             StoredPass(
                 id=key,
@@ -192,9 +191,7 @@ def passes_of(resolved: Resolved, chosen: Indices, ids: Ids) -> list[StoredPass]
                 watch_id=watch or None,
                 candidate_id=candidate or None,
                 archived=archived,
-                lon=lon if placed else None,
-                lat=lat if placed else None,
-                covariance_m2=tuple(covariance) if placed else None,
+                place=(lon, lat, (xx, xy, yy)) if flags & PLACED else None,
             )
         )
     return made

@@ -127,9 +127,7 @@ def as_stored(item: PassReport, key: int) -> StoredPass:
         weight_against=item.weight_against,
         valid=item.valid,
         trusted=True,
-        lon=place.lon if place else None,
-        lat=place.lat if place else None,
-        covariance_m2=place.covariance_m2 if place else None,
+        place=(place.lon, place.lat, place.covariance_m2) if place else None,
     )
 
 
