@@ -24,7 +24,7 @@ def assign(score: Array) -> NDArray[np.intp]:
     if not detections or not features:
         return result
     best = score.argmax(axis=1)
-    rows = np.logical_or.reduce(score > 0.0, axis=1).nonzero()[0]
+    rows = (score[np.arange(detections), best] > 0.0).nonzero()[0]
     chosen = best[rows]
     if len(set(chosen.tolist())) == len(rows):
         result[rows] = chosen

@@ -66,7 +66,7 @@ def associate(
     """
     measurements, noise = detections
     nu = model.innovation(measurements[:, :, None], marginal.mean[:, None, :])
-    xx, xy, yy = marginal.covariance
+    xx, xy, yy = marginal.covariance[0], marginal.covariance[1], marginal.covariance[2]
     square, determinant = mahalanobis_square(nu, (xx + noise[0, :, None], xy, yy + noise[1, :, None]))
     # ln N(ν; 0, Q) - ln(density of the unknown)
     score = np.log(determinant)

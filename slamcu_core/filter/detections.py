@@ -38,11 +38,7 @@ class Seen(NamedTuple):
     sign: Index
     value: Index
     weight: Array  # of eq. 1
-
-    @property
-    def named(self) -> bool:
-        """Whether the sign or value of any was read."""
-        return bool(np.count_nonzero(self.sign) or np.count_nonzero(self.value))
+    named: bool  # whether the sign or value of any may have been read
 
     def believed(self, certain: Array) -> Seen:
         """Return the detections as evidence of what they are taken for, which each is with a probability (D,)."""
@@ -53,7 +49,8 @@ class Seen(NamedTuple):
         if not np.count_nonzero(which):
             return self
         index = (~which).nonzero()[0]
-        return Seen._make(array.take(index, axis=-1) for array in self)
+        *arrays, named = self
+        return Seen._make((*(array.take(index, axis=-1) for array in arrays), named))
 
 
 def read_detections(model: SensorModel, items: tuple[Detection, ...], names: Vocabulary) -> Seen:
@@ -62,9 +59,9 @@ def read_detections(model: SensorModel, items: tuple[Detection, ...], names: Voc
     feature_class = names.codes([item.feature_class for item in items])
     sign = value = np.zeros(len(items), dtype=np.intp)
     signs, values = [item.sign for item in items], [item.value for item in items]
-    if signs.count(None) < len(items) or values.count(None) < len(items):
+    named = signs.count(None) < len(items) or values.count(None) < len(items)
+    if named:
         sign, value = names.codes(signs), names.codes(values)
     weight = np.array([support_of(item.confidence) for item in items])
-    return Seen(
-        measurement, model.noise(measurement), *model.in_vehicle(measurement), feature_class, sign, value, weight
-    )
+    noise, (ahead_left, toward) = model.noise(measurement), model.in_vehicle(measurement)
+    return Seen(measurement, noise, ahead_left, toward, feature_class, sign, value, weight, named)

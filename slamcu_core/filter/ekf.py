@@ -47,7 +47,7 @@ def full(matrix: Sequence[Array] | Array) -> Array:
 
 def turned(cos: Array, sin: Array, matrix: Sequence[Array] | Array) -> Array:
     """Return R Σ Rᵀ (3, ...) of symmetric matrices (3, ...) with R = [[cos, sin], [-sin, cos]]."""
-    xx, xy, yy = matrix
+    xx, xy, yy = matrix[0], matrix[1], matrix[2]
     first = xx * cos
     first += xy * sin
     second = xy * cos
@@ -82,8 +82,8 @@ def update(mean: Array, by_place: Array, jacobian: Jacobian, innovation: Array, 
     K = Σ Hᵀ (P + R)⁻¹, μ ← μ + K (z - ẑ), Σ ← (I - K H) Σ, worked out in the axes of the measurement, where R is
     diagonal: there P ← R - R (P + R)⁻¹ R, in which only what is positive is added.
     """
-    p00, p01, p11 = by_place
-    n0, n1 = noise
+    p00, p01, p11 = by_place[0], by_place[1], by_place[2]
+    n0, n1 = noise[0], noise[1]
     first, second = p00 * n1, p11 * n0
     determinant = p00 * p11
     determinant -= p01 * p01
@@ -95,7 +95,7 @@ def update(mean: Array, by_place: Array, jacobian: Jacobian, innovation: Array, 
     first /= determinant
     second /= determinant
     cross = p01 / determinant
-    along, across = innovation
+    along, across = innovation[0], innovation[1]
     stretch = 1.0 / jacobian.shrink
     u = first * along
     u += (cross * n0) * across

@@ -180,7 +180,7 @@ class FrameHandling:
         """
         mapped = self._table.kind[view.rows] == Kind.MAP
         due = now.share * view.shown * rates.now()
-        hit, square = np.zeros((2, len(view.rows)))
+        hit, square = np.zeros(len(view.rows)), np.zeros(len(view.rows))
         hit[matched], square[matched] = now.share, squares
         exists = partial(existence.probability, self._table)
         self._monitor.note(now.t, view.rows, mapped, shown=view.shown, due=due, hit=hit, exists=exists, squares=square)
@@ -196,7 +196,8 @@ class FrameHandling:
         """Return how many things per m² the map may lack: a share of what it has within reach, at least of one."""
         rows = self._around.rows
         mapped = rows[self._table.kind[rows] == Kind.MAP]
-        near = np.hypot(*(self._table.xy[mapped] - place).T) < reach_m
+        off = self._table.xy.take(mapped, axis=0) - place
+        near = np.vecdot(off, off) < reach_m**2
         return self._unmapped_share * max(int(np.count_nonzero(near)), 1) / (np.pi * reach_m**2)
 
     def _occasion(self, view: View, score: Array, t: float) -> Occasion | None:
@@ -204,7 +205,7 @@ class FrameHandling:
         if not score.size:
             return None
         by_map = score[:, : view.mapped]
-        fit = int(np.count_nonzero((by_map > 0.0).any(axis=1)))
+        fit = int(np.count_nonzero(np.logical_or.reduce(by_map > 0.0, axis=1)))
         surprised = len(score) - fit >= _SURPRISES * (1 + fit)
         surprised &= t - self._surprised_at > _STALE_S
         stale = t - self._weighed_at > _STALE_S and bool((score > -np.inf).any())

@@ -198,7 +198,7 @@ class FrameUpdate:
 
     def calibrated(self, sight: Sight) -> Array:
         """Return measurements (2, A, M) as each particle's calibration makes the sensor show them."""
-        scale, turn = self.particles.calibration
+        scale, turn = self.particles.calibration[0], self.particles.calibration[1]
         if not self.model.has_bearing:
             return np.asarray(sight.measurement * (1.0 + scale))
         shown = np.empty((2, *sight.distance.shape))
@@ -224,7 +224,7 @@ class FrameUpdate:
         What is constant within a pass does not average out over its n looks, so it counts n times: the place of a map
         feature, but not of a find, which the looks themselves improve.
         """
-        parameters, (scale_variance, turn_variance) = self.parameters, self.calibration.variance
+        parameters, (scale_variance, turn_variance) = self.parameters, self.calibration.variance.tolist()
         often = looks.copy()
         often[own] = 1.0
         return (
@@ -271,7 +271,7 @@ class FrameUpdate:
         found = (self.table.kind[rows] == Kind.NEW).nonzero()[0]
         if len(found) < len(rows):
             rows, means = rows[found], means.take(found, axis=1)
-        self.table.xy[rows] = (np.add.reduce(means, axis=2) / len(particles)).T
+        self.table.xy[rows] = (means @ particles.even).T
 
     def calibrate(self, matches: Matches, usable: NDArray[np.bool_], share: float) -> None:
         """Learn the sensor's calibration from detections of Normal features of the map, by `usable` (A,)."""
@@ -282,12 +282,11 @@ class FrameUpdate:
         index = chosen.nonzero()[0]
         if not len(index):
             return
-        count, distance = len(self.particles), matches.close.sight.distance
-        common = np.add.reduce(matches.close.by_place[::2], axis=2)
-        common[0] += self.parameters.pass_range_std**2 * np.vecdot(distance, distance)
-        common /= count
+        even, distance = self.particles.even, matches.close.sight.distance
+        common = matches.close.by_place[::2] @ even
+        common[0] += self.parameters.pass_range_std**2 * ((distance * distance) @ even)
         common[1] += self.parameters.pass_bearing_std**2
         noise = matches.noise / share + matches.close.looks * common
-        mean_range = np.add.reduce(distance, axis=1) / count
+        mean_range = distance @ even
         innovation = matches.innovation.take(index, axis=1)
         self.calibration.update(self.particles, innovation, mean_range[index], noise.take(index, axis=1))

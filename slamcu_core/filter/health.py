@@ -193,8 +193,8 @@ class HealthMonitor:
 
     def _weigh(self, kept: Array, mapped: NDArray[np.bool_]) -> Array:
         """Return ln of how much likelier encounters (F,), of which is `kept` (7, F), are so far with a wrong pose."""
-        due, hit, shown, _, stands, square, _ = kept
-        shows = shown * (1.0 - (1.0 + due / self._concentration) ** -self._concentration)
+        hit, stands, square = kept[_Kept.HIT], kept[_Kept.STANDS], kept[_Kept.SQUARE]
+        shows = kept[_Kept.SHOWN] * (1.0 - (1.0 + kept[_Kept.DUE] / self._concentration) ** -self._concentration)
         missing = np.log((1.0 - _BY_CHANCE * shows) / (1.0 - stands * shows)) + shows * self._nothing_found
         # from a right pose the square is chi-square with two degrees of freedom, from a wrong one any within the gate
         there = 0.5 * np.minimum(square, self._gate) - np.log(np.maximum(stands / _BY_CHANCE, 1.0))

@@ -129,7 +129,7 @@ class MeanLook:
         near &= distance >= sensor.min_range_m - radius
         near &= distance <= sensor.max_range_m + radius
         near &= ~inside
-        near |= distance < bent_within(covariance)
+        near |= distance < _bent_within(covariance)
         near |= self._fit(outline, cloud, covariance, seen)
         if occluders:
             std = self.bearing_std(outline.rows[:mapped], distance, covariance)
@@ -178,7 +178,7 @@ def _place_std(covariance: Array) -> float:
     return math.sqrt(covariance[0, 0] + covariance[1, 1])
 
 
-def bent_within(covariance: Array) -> float:
+def _bent_within(covariance: Array) -> float:
     """Return the distance (m) within which particles see a thing too differently for the mean pose to be a guide."""
     return _BENT * _place_std(covariance)
 

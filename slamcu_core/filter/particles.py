@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,11 @@ class Cloud(NamedTuple):
     weights: Array
     mean: Array
     delta: Array
+
+    @property
+    def covariance(self) -> Array:
+        """The covariance (3, 3) of the poses, without what is pending."""
+        return np.asarray((self.delta * self.weights) @ self.delta.T)
 
 
 @dataclass(slots=True)
@@ -88,6 +94,11 @@ class Particles:
         weights.setflags(write=False)
         self._weights = self.log_weight, weights
         return weights
+
+    @property
+    def even(self) -> Array:
+        """Weights (M,) of particles that all count the same."""
+        return _even(len(self.log_weight))
 
     def __getstate__(self) -> dict[str, object]:
         return {item.name: getattr(self, item.name) for item in fields(self) if item.name != "_weights"}
@@ -266,6 +277,13 @@ class Particles:
         mean = means @ weights
         x, y = means - mean[:, :, None]
         return mean, (self.covariances.take(slots, axis=1) + np.array([x * x, x * y, y * y])) @ weights
+
+
+@lru_cache(maxsize=8)
+def _even(count: int) -> Array:
+    weights = np.full(count, 1.0 / count)
+    weights.setflags(write=False)
+    return weights
 
 
 def _root(covariance: Array) -> Array:

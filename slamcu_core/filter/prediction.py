@@ -56,7 +56,7 @@ def predict(particles: Particles, travel: Travel, noise: MotionNoise, rng: np.ra
     constants += (1.0 - keep) * _NOMINAL
     wander = math.sqrt(1.0 - keep**2) * noise.constants_std
     constants += (wander * rng.standard_normal((len(particles), 3))).T
-    speed_scale, yaw_scale, yaw_bias = constants
+    speed_scale, yaw_scale, yaw_bias = constants[0], constants[1], constants[2]
     turn = travel.turn * yaw_scale
     distance = travel.distance * speed_scale
     if noise.slip_share > 0.0:

@@ -35,9 +35,9 @@ class Recovery:
         """Remember the detections of a frame."""
         if not seen.measurement.shape[1]:
             return
-        along, across = np.sqrt(seen.noise)
-        std = np.maximum(along, seen.measurement[0] * across) if model.has_bearing else along
-        self._memory.add(Sightings(now.t, now.reckoned, seen.ahead_left, std, seen.feature_class, seen.sign))
+        std = np.sqrt(seen.noise)
+        larger = np.maximum(std[0], seen.measurement[0] * std[1]) if model.has_bearing else std[0]
+        self._memory.add(Sightings(now.t, now.reckoned, seen.ahead_left, larger, seen.feature_class, seen.sign))
 
     def find_the_way_back(self, now: Instant, around: Index) -> Array | None:
         """Move the particles to where the last sightings fit the active rows of the map, if they fit clearly better.

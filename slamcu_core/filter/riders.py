@@ -57,7 +57,7 @@ class Riders:
 def _ride(now: Array, old: Array) -> NDArray[np.bool_]:
     """Return which of the detections `now` (5, D) ride along, by those a little way back, `old` (5, P)."""
     driven = now[0, 0]  # the same for all
-    _, ahead, left, slack, kind = now[:, :, None]
+    ahead, left, slack, kind = now[1, :, None], now[2, :, None], now[3, :, None], now[4, :, None]
     aside = old[2] - left
     np.abs(aside, out=aside)
     along = aside < 3.0
@@ -73,5 +73,5 @@ def _ride(now: Array, old: Array) -> NDArray[np.bool_]:
         closer *= closer
         still = closer < room
         still &= same
-        riding &= votes > _AGAINST * still.sum(axis=1)
+        riding &= votes > _AGAINST * np.add.reduce(still, axis=1, dtype=np.intp)
     return np.asarray(riding)

@@ -17,7 +17,7 @@ from slamcu_core.filter import ekf
 from slamcu_core.filter.association import Marginal, marginalise
 from slamcu_core.filter.calibration import SensorCalibration
 from slamcu_core.filter.detections import Seen
-from slamcu_core.filter.outline import MeanLook, Outline, bent_within
+from slamcu_core.filter.outline import MeanLook, Outline
 from slamcu_core.filter.particles import Cloud, Particles
 from slamcu_core.filter.scratch import Scratch
 from slamcu_core.filter.table import FeatureTable
@@ -78,10 +78,9 @@ class Lookout:
         if not count and not len(seen.weight):
             return None
         weights, pending = cloud.weights, self._particles.pending_covariance(cloud.weights)
-        covariance = (cloud.delta * weights) @ cloud.delta.T
-        covariance += pending
         inside = None
         if outline.mapped * len(weights) > _MANY:
+            covariance = cloud.covariance + pending
             outline, close, inside = self._from_mean.close_ones_first(outline, cloud, covariance, seen, occluders)
         else:
             close = count
@@ -90,7 +89,7 @@ class Lookout:
         memory = self._scratch.array(6, close, len(weights))
         place = outline.place[:, :close]
         finds = rows[mapped:close]
-        sight = self._by_every_particle(outline, finds, place, cloud=cloud, covariance=covariance, memory=memory)
+        sight = self._by_every_particle(outline, finds, place, cloud=cloud, memory=memory)
         visible = visibility_probability(self._model.sensor, sight.distance, sight.bearing, weights)
         if inside is not None:
             visible = np.concatenate([visible, inside])
@@ -107,7 +106,7 @@ class Lookout:
             distance[:close] = mean_distance
             std = np.full(count, _POSITION_STD)
             if self._model.has_bearing:
-                std[close:] = self._from_mean.bearing_std(rows[close:], distance[close:], covariance)
+                std[close:] = self._from_mean.bearing_std(rows[close:], distance[close:], cloud.covariance + pending)
                 std[:close] = np.sqrt(marginal.covariance[2])
             bearing[mapped:close] = np.arctan2(place[1, mapped:], place[0, mapped:])
             hidden = occlusion_probability(occluders, distance, bearing, std)
@@ -115,32 +114,27 @@ class Lookout:
         noise = self._model.noise(marginal.mean)
         return View(rows, close, mapped, visible, hidden, shown, marginal, noise, by_place, by_motion, outline.distance)
 
-    def _by_every_particle(
-        self, outline: Outline, finds: Index, place: Array, *, cloud: Cloud, covariance: Array, memory: Array
-    ) -> Sight:
+    def _by_every_particle(self, outline: Outline, finds: Index, place: Array, *, cloud: Cloud, memory: Array) -> Sight:
         """Return how every particle sees places (2, C), the finds among them where each particle has them.
 
         In the axes of the mean sensor. Sets the finds' places to their means.
         """
         particles, model, mapped = self._particles, self._model, place.shape[1] - len(finds)
-        sensors, _ = model.origin(particles.pose)
-        sensors = outline.axes @ sensors
-        sensors -= outline.origin[:, None]
+        sensors = outline.axes @ model.origin(particles.pose)[0]
         own = outline.axes @ particles.means.take(self._table.slot[finds], axis=1).reshape(2, -1)
-        own -= outline.origin[:, None]
         own = own.reshape(2, len(finds), len(particles))
-        place[:, mapped:] = own @ cloud.weights
+        place[:, mapped:] = own @ cloud.weights - outline.origin[:, None]
         delta = memory[:2]
-        np.subtract(place[:, :mapped, None], sensors[:, None], out=delta[:, :mapped])
         np.subtract(own, sensors[:, None], out=delta[:, mapped:])
+        sensors -= outline.origin[:, None]
+        np.subtract(place[:, :mapped, None], sensors[:, None], out=delta[:, :mapped])
         pose = cloud.delta
         if not model.has_bearing:
             pose = pose - np.deg2rad([[0.0], [0.0], [model.sensor.mount.yaw_deg]])
-        # no bearing need be wrapped, unless a place is behind, or so near that some particle may see it there
-        clear = place.shape[1] > 0 and float(place[0].min()) >= bent_within(covariance)
-        ahead = clear and float(delta[0].min()) > 0.0
+        # where nothing is behind any particle, no bearing need be wrapped
+        ahead = float(np.minimum.reduce(delta[0], axis=None, initial=1.0)) > 0.0
         sight = model.sight_along(pose, delta, cloud.delta[2], out=memory[2:4], ahead=ahead)
-        if not clear:
+        if not ahead:
             off, bearing = sight.bearing, np.arctan2(place[1], place[0])[:, None]
             off -= bearing
             wrap_in_place(off)
@@ -171,7 +165,7 @@ class Lookout:
 
     def _calibrated(self, sight: Sight, out: Array) -> Array:
         """Return measurements (2, C, M) as each particle's calibration makes the sensor show them."""
-        scale, turn = self._particles.calibration
+        scale, turn = self._particles.calibration[0], self._particles.calibration[1]
         if not self._model.has_bearing:
             return np.asarray(np.multiply(sight.measurement, 1.0 + scale, out=out))
         np.multiply(sight.distance, 1.0 + scale, out=out[0])

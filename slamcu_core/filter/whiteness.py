@@ -38,7 +38,7 @@ class Whiteness:
         The mean of n values of a first-order Gauss-Markov sequence is worth n (1 - ρ) / (1 + ρ) independent ones.
         """
         assumed = 2.0 * share / (1.0 + share)
-        new = min((_PAIRS * assumed + float(self._changed.min())) / (_PAIRS + self._pairs), 1.0)
+        new = min((_PAIRS * assumed + min(self._changed.tolist())) / (_PAIRS + self._pairs), 1.0)
         return max(new / (2.0 - new), share)
 
     def learn(self, now: Instant, features: list[int], places: Array, measurement: Array, noise: Array) -> None:

@@ -1,4 +1,7 @@
-"""Symmetric 2×2 matrices in closed form: components lead, (3, ...) of xx, xy, yy; vectors are (2, ...)."""
+"""Symmetric 2×2 matrices in closed form: components lead, (3, ...) of xx, xy, yy; vectors are (2, ...).
+
+Components are taken by their numbers: to unpack an array takes as long as an operation on it.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +28,8 @@ def times(matrix: Array, vector: Array) -> Array:
 
 def mahalanobis_square(vector: Array, covariance: Sequence[Array] | Array) -> tuple[Array, Array]:
     """Return νᵀ Q⁻¹ ν for vectors (2, ...) and symmetric matrices (3, ...), and the determinants of Q."""
-    x, y = vector
-    xx, xy, yy = covariance
+    x, y = vector[0], vector[1]
+    xx, xy, yy = covariance[0], covariance[1], covariance[2]
     determinant = xx * yy
     determinant -= xy * xy
     square = x * x

@@ -134,8 +134,8 @@ class SensorModel:
         if not self.has_bearing:
             return Jacobian(np.cos(sight.pose[2]), np.sin(sight.pose[2]), 1.0)
         shrink = 1.0 / np.maximum(sight.distance, 1e-3)
-        cos, sin = sight.delta * shrink
-        return Jacobian(cos, sin, shrink)
+        toward = sight.delta * shrink
+        return Jacobian(toward[0], toward[1], shrink)
 
     def feature_jacobian(self, pose: Array, points: Array) -> Jacobian:
         """Return H = ∂h/∂m at points seen from vehicle poses."""
