@@ -9,6 +9,13 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
 
+from slamcu_core.errors import FieldError
+
+MOST_REACH_M = 2_000.0
+"""No sensor reaches farther: what the map has within reach is looked up again every few metres."""
+
+_TINY = 1e-6  # m or rad; variances below its square would be lost in rounding
+
 
 class SensorKind(StrEnum):
     """How a sensor measures the place of a feature."""
@@ -24,6 +31,12 @@ class Mount:
     x: float = 0.0  # m
     y: float = 0.0  # m
     yaw_deg: float = 0.0  # counter-clockwise from straight ahead
+
+    def __post_init__(self) -> None:
+        """Raise FieldError for a place that is on no vehicle."""
+        _check_within(self, "x", -100.0, 100.0, "m")
+        _check_within(self, "y", -100.0, 100.0, "m")
+        _check_within(self, "yaw_deg", -360.0, 360.0, "degrees")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +58,23 @@ class Sensor:
     false_alarms_per_frame: float = 0.01
     classes: tuple[str, ...] = ("traffic_sign",)
 
+    def __post_init__(self) -> None:
+        """Raise FieldError for what no sensor is like."""
+        _check_within(self, "fov_deg", _TINY, 360.0, "degrees")
+        _check_within(self, "min_range_m", 0.0, MOST_REACH_M, "m")
+        _check_within(self, "max_range_m", 0.1, MOST_REACH_M, "m")
+        if not self.max_range_m > self.min_range_m:
+            raise FieldError("max_range_m", f"above min_range_m, {self.min_range_m:g}", self.max_range_m)
+        _check_within(self, "rate_hz", _TINY, 1e6, "Hz")
+        _check_within(self, "range_std_m", 0.0, 1e3, "m")
+        _check_within(self, "range_std_rel", 0.0, 10.0, "of the range")
+        if self.kind is SensorKind.RANGE_BEARING and max(self.range_std_m, self.range_std_rel) < _TINY:
+            raise FieldError("range_std_m", f"at least {_TINY:g} m, or range_std_rel", self.range_std_m)
+        _check_within(self, "bearing_std_rad", _TINY, 10.0, "rad")
+        _check_within(self, "position_std_m", _TINY, 1e3, "m")
+        _check_within(self, "detection_probability", _TINY, 1.0, "")
+        _check_within(self, "false_alarms_per_frame", 0.0, 1e3, "")
+
 
 @dataclass(frozen=True, slots=True)
 class InitialPose:
@@ -55,6 +85,14 @@ class InitialPose:
     heading_deg: float  # compass, clockwise from north
     position_std_m: float = 1.5  # each axis
     heading_std_deg: float = 2.0
+
+    def __post_init__(self) -> None:
+        """Raise FieldError for a place that is nowhere, or known no better than a continent."""
+        _check_within(self, "lon", -180.0, 180.0, "degrees")
+        _check_within(self, "lat", -90.0, 90.0, "degrees")
+        _check_within(self, "heading_deg", -360.0, 360.0, "degrees")
+        _check_within(self, "position_std_m", 0.0, 1e5, "m")
+        _check_within(self, "heading_std_deg", 0.0, 360.0, "degrees")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,10 +107,15 @@ class DriveHeader:
     fleet_id: str = ""
     wheelbase_m: float | None = None
 
+    def __post_init__(self) -> None:
+        """Raise FieldError for a wheelbase that no vehicle has."""
+        if self.wheelbase_m is not None:
+            _check_within(self, "wheelbase_m", 0.01, 100.0, "m")
+
 
 @dataclass(frozen=True, slots=True)
 class Odometry:
-    """Speed with either yaw rate or front wheel angle; holds from t on."""
+    """Speed with either yaw rate or front wheel angle; holds from t on, until the next or for 1.5 s."""
 
     t: float  # s since the start of the drive
     speed: float  # m/s, forward positive
@@ -133,3 +176,9 @@ class ObjectFrame:
 
 
 Record = Odometry | GnssFix | DetectionFrame | ObjectFrame
+
+
+def _check_within(holder: object, field: str, low: float, high: float, unit: str) -> None:
+    value = getattr(holder, field)
+    if not low <= value <= high:
+        raise FieldError(field, f"in [{low:g}, {high:g}] {unit}".rstrip(), value)

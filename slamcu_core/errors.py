@@ -11,6 +11,25 @@ class EvidenceError(SlamcuError, ValueError):
     """A mass, confidence or weight is outside its range."""
 
 
+class FieldError(SlamcuError, ValueError):
+    """A value that was handed in is outside its range.
+
+    Parameters
+    ----------
+    field : its name or path, such as ``items[2].range``.
+    expected : what it should be.
+    value : what it is.
+    """
+
+    def __init__(self, field: str, expected: str, value: object) -> None:
+        self.field, self.expected, self.value = field, expected, value
+        super().__init__(f"{field} must be {expected}, not {value}")
+
+
+class FilterLostError(SlamcuError):
+    """The filter's numbers have broken down: what it believes is worth nothing, and a new session is needed."""
+
+
 class FormatError(SlamcuError, ValueError):
     """A file does not follow its format.
 

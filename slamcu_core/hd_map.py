@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.errors import FormatError
+from slamcu_core.errors import FieldError, FormatError
 from slamcu_core.geometry import Cell, cell_of, cells_within
 
 _CELL_DEG = 0.002  # about 220 m north-south: a few cells cover any sensor's reach
@@ -34,6 +35,15 @@ class MapFeature:
     position_std_m: float = 0.15  # each axis
     tile_id: int = 0
     moved_from: int | None = None  # of a watch feature: the object id of what would have moved to there
+
+    def __post_init__(self) -> None:
+        """Raise FieldError for a place or a confidence that makes no sense."""
+        if not (math.isfinite(self.lon) and -90.0 <= self.lat <= 90.0):
+            raise FieldError("lon, lat", "finite degrees, lat in [-90, 90]", (self.lon, self.lat))
+        if not 0.0 <= self.existence_confidence <= 1.0:
+            raise FieldError("existence_confidence", "in [0, 1]", self.existence_confidence)
+        if not 0.0 <= self.position_std_m <= 1e3:
+            raise FieldError("position_std_m", "in [0, 1000] m", self.position_std_m)
 
     @property
     def watched(self) -> bool:

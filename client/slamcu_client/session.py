@@ -12,7 +12,6 @@ import numpy as np
 from slamcu_client.errors import SessionClosedError, SessionError
 from slamcu_client.kinds import with_kinds
 from slamcu_client.outbox import Outbox
-from slamcu_client.records import check_record
 from slamcu_client.reporter import Reporter, ReportPolicy
 from slamcu_client.version import SOFTWARE_VERSION
 from slamcu_core.drive import (
@@ -95,14 +94,13 @@ class VehicleSession:
         report_policy: ReportPolicy | None = None,
     ) -> None:
         self._header = header
-        self._sensors = {sensor.id: sensor for sensor in header.sensors}
         template = ReportMessage(
             session_id=header.session_id,
             message_id=1,
             vehicle_id=header.vehicle_id,
             fleet_id=header.fleet_id,
             map_identity=hd_map.identity,
-            sensor_model=",".join(self._sensors) if sensor_model is None else sensor_model,
+            sensor_model=",".join(sensor.id for sensor in header.sensors) if sensor_model is None else sensor_model,
             software_version=software_version,
         )
         if outbox is not None:
@@ -155,16 +153,13 @@ class VehicleSession:
         """
         if self._closed:
             raise SessionClosedError("the session is closed")
-        t = record.t
-        check_record(record, self._sensors, wheelbase_known=self._header.wheelbase_m is not None)
-        if self._t is not None and t < self._t:
-            raise SessionError(f"records come in order of time: {t} s cannot follow {self._t} s")
-        if self._reporter is not None and self._t is not None and t > self._t:
-            self._reporter.tick(t, self._instant(self._t))
         try:
             passes = self._filter.feed(record)
         except SlamcuError as error:
             raise SessionError(str(error)) from error
+        t, before = record.t, self._t
+        if self._reporter is not None and before is not None and t > before:
+            self._reporter.tick(t, self._instant(before))
         self._t = t
         if passes:
             self._passes += len(passes)

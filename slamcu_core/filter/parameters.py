@@ -35,7 +35,7 @@ class FilterParameters:
     gnss_white_share: float = 0.4  # of a fix's std_m; the rest is a bias that wanders slowly
     gnss_correlation_s: float = 180.0  # time constant of that bias
     pass_gap_s: float = 5.0  # a feature out of view this long has left it (design: definition of a pass)
-    max_new: int = 64  # live unmapped features; beyond, the weakest unproven one gives way
+    max_new: int = 64  # live unmapped features; beyond, no more are begun until one is left behind or refuted
     kept_finds: int = 2_000  # finds left behind that are remembered; beyond, the oldest give way
     minimum_hits: int = 3  # detections before an unmapped feature may be called New
     mover_speed: float = 1.0  # m/s; what moves at all moves at least so fast

@@ -288,4 +288,9 @@ def _even(count: int) -> Array:
 
 def _root(covariance: Array) -> Array:
     """Return a root (3, 3) of the covariance of a pose, which may be certain of some direction."""
-    return np.asarray(np.linalg.cholesky(covariance + 1e-12 * np.eye(3)))
+    try:
+        return np.asarray(np.linalg.cholesky(covariance + 1e-12 * np.eye(3)))
+    except np.linalg.LinAlgError:  # a cloud that is wide and flat needs a ridge of its own size
+        std = np.sqrt(np.maximum(covariance.diagonal(), 1e-30))
+        correlation = covariance / np.outer(std, std) + 1e-9 * np.eye(3)
+        return np.asarray(std[:, None] * np.linalg.cholesky(correlation))

@@ -6,11 +6,13 @@ One step follows the paper's Figure 5: predict (eq. 12), pre-associate (4.3.1), 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.drive import DetectionFrame, DriveHeader, GnssFix, ObjectFrame, Odometry, Record
-from slamcu_core.errors import SlamcuError
+from slamcu_core.errors import FilterLostError, SlamcuError
 from slamcu_core.filter import existence
 from slamcu_core.filter.beliefs import Beliefs
 from slamcu_core.filter.beside import Beside
@@ -39,10 +41,13 @@ from slamcu_core.filter.whiteness import Whiteness
 from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass
 from slamcu_core.hd_map import HDMap
 from slamcu_core.models import SensorModel, advance, yaw_rate_from_steering
+from slamcu_core.records import check_record
 from slamcu_core.reports import Health, PassReport
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+
+_LONGEST_SILENCE_S = 3_600.0  # s; a clock that leaps farther is wrong, or the car has been parked: a new session
 
 
 class SlamcuFilter:
@@ -126,6 +131,8 @@ class SlamcuFilter:
             rng=rng,
         )
         self._fixes = FixWatch(self._particles, self._gnss, self._monitor)
+        self._described = {sensor.id: sensor for sensor in header.sensors}
+        self._lost: str | None = None  # why no record is taken any more
         self._time = 0.0
         self._last_frame = 0.0  # s, of any sensor
         self._speed = 0.0
@@ -149,27 +156,50 @@ class SlamcuFilter:
     def feed(self, record: Record) -> list[PassReport]:
         """Take the next record of the drive and return the passes that it ended.
 
-        Raises SlamcuError if time runs backwards, a sensor is not in the header, or a detection lacks what its sensor
-        measures; the filter is then as before.
+        Raises SlamcuError if time runs backwards or leaps ahead by more than an hour, a sensor is not in the header, or
+        a value makes no sense (see `check_record`); the filter is then as before. Raises FilterLostError if the
+        numbers break down all the same: what is believed is then worth nothing, and no record is taken any more.
         """
-        if not record.t >= self._time:
-            raise SlamcuError(f"time runs backwards: t = {record.t} s after {self._time} s")
+        self._check(record)
+        try:
+            return self._take(record)
+        except (ArithmeticError, ValueError) as error:  # a matrix that is not positive definite is a ValueError
+            self._lost = f"the filter is lost at t = {record.t} s, a new session is needed: {error}"
+            raise FilterLostError(self._lost) from error
+
+    def _check(self, record: Record) -> None:
+        """Refuse what must not reach the particles."""
+        if self._lost is not None:
+            raise FilterLostError(self._lost)
+        check_record(record, self._described, wheelbase_m=self._header.wheelbase_m)
+        t = record.t
+        if t < self._time:
+            raise SlamcuError(f"time runs backwards: t = {t} s after {self._time} s")
+        if t - self._time > _LONGEST_SILENCE_S:
+            raise SlamcuError(
+                f"time leaps ahead: t = {t} s after {self._time} s; after more than {_LONGEST_SILENCE_S:g} s "
+                "without a record a new session is needed"
+            )
+        if isinstance(record, DetectionFrame) and t <= self._sensors[record.sensor].last_frame:
+            raise SlamcuError(f"sensor {record.sensor!r} has two frames at t = {t} s")
+
+    def _take(self, record: Record) -> list[PassReport]:
         if isinstance(record, Odometry):
             self._odometry(record)
             return []
         if isinstance(record, GnssFix):
             self._fix(record)
             return []
-        sensor = self._sensors.get(record.sensor)
-        if sensor is None:
-            raise SlamcuError(f"sensor {record.sensor!r} is not in the header, which has {sorted(self._sensors)}")
+        sensor = self._sensors[record.sensor]
         if isinstance(record, ObjectFrame):
             sensor.occluders, sensor.occluders_at = record.items, record.t
             return []
         return self._frame(record, sensor)
 
     def finish(self) -> list[PassReport]:
-        """End the drive: close every open pass and return its report."""
+        """End the drive: close every open pass and return its report; a filter that is lost has none."""
+        if self._lost is not None:
+            return []
         self._advance(self._time)
         return self._close(sorted(self._management.open))
 
@@ -186,9 +216,7 @@ class SlamcuFilter:
 
     def _odometry(self, record: Odometry) -> None:
         if record.yaw_rate is None:
-            if record.steering is None:
-                raise SlamcuError("odometry needs yaw_rate or steering")
-            yaw_rate = yaw_rate_from_steering(record.speed, record.steering, self._header.wheelbase_m)
+            yaw_rate = yaw_rate_from_steering(record.speed, record.steering or 0.0, self._header.wheelbase_m)
         else:
             yaw_rate = record.yaw_rate
         self._accumulate(record.t)
@@ -221,8 +249,6 @@ class SlamcuFilter:
 
     def _frame(self, record: DetectionFrame, sensor: SensorAtWork) -> list[PassReport]:
         seen = read_detections(sensor.model, record.items, self._names)
-        if record.t <= sensor.last_frame:
-            raise SlamcuError(f"sensor {record.sensor!r} has two frames at t = {record.t} s")
         share = existence.temper(record.t - sensor.last_frame, self.parameters.correlation_time_s)
         self._advance(record.t)
         gap = record.t - self._last_frame
@@ -304,7 +330,10 @@ class SlamcuFilter:
     def health(self) -> Health:
         """How far the filter trusts itself."""
         effective = self._particles.effective / len(self._particles)
-        return self._monitor.state(effective, contradicted=self._fixes.contradicted)
+        health = self._monitor.state(effective, contradicted=self._fixes.contradicted)
+        if self._lost is not None or not np.isfinite(self._particles.state).all():
+            return replace(health, trusted=False)
+        return health
 
     @property
     def fixes(self) -> FixWatch:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 
 import numpy as np
 
@@ -43,16 +44,18 @@ def read_header(fields: Fields) -> HeaderContext:
         if sensor.id in sensors:
             raise each.place.error(f"two sensors have the id {sensor.id!r}", each.at("id"))
         sensors[sensor.id] = sensor
-    header = DriveHeader(
+    pose = _read_pose(fields.child("initial_pose"), position)
+    make = partial(
+        DriveHeader,
         vehicle_id=fields.text("vehicle_id"),
         session_id=fields.text("session_id"),
         start_time=_read_time(fields, "start_time"),
-        initial_pose=_read_pose(fields.child("initial_pose"), position),
+        initial_pose=pose,
         sensors=tuple(sensors.values()),
         fleet_id=fields.optional_text("fleet_id") or "",
         wheelbase_m=fields.optional_number("wheelbase_m", above=0.0),
     )
-    return HeaderContext(header, position, sensors)
+    return HeaderContext(fields.checked(make), position, sensors)
 
 
 def header_to_json(header: DriveHeader) -> dict[str, object]:
@@ -120,13 +123,15 @@ def _read_time(fields: Fields, name: str) -> datetime:
 
 def _read_pose(fields: Fields, position: Callable[[Fields], tuple[float, float]]) -> InitialPose:
     lon, lat = position(fields)
-    return InitialPose(
+    make = partial(
+        InitialPose,
         lon,
         lat,
         heading_deg=fields.number("heading_deg", low=-360.0, high=360.0),
         position_std_m=fields.number_or("position_std_m", _POSE.position_std_m, low=0.0),
         heading_std_deg=fields.number_or("heading_std_deg", _POSE.heading_std_deg, low=0.0),
     )
+    return fields.checked(make)
 
 
 def _read_sensor(fields: Fields) -> Sensor:
@@ -135,7 +140,8 @@ def _read_sensor(fields: Fields) -> Sensor:
     if range_std_m == 0.0 == range_std_rel:
         raise fields.place.error("expected range_std_m or range_std_rel above 0", fields.at("range_std_m"))
     min_range_m = fields.number_or("min_range_m", _SENSOR.min_range_m, low=0.0)
-    return Sensor(
+    make = partial(
+        Sensor,
         id=fields.text("id"),
         kind=SensorKind(fields.text("kind", choices=list(SensorKind))) if "kind" in fields else _SENSOR.kind,
         fov_deg=fields.number_or("fov_deg", _SENSOR.fov_deg, above=0.0, high=360.0),
@@ -153,6 +159,7 @@ def _read_sensor(fields: Fields) -> Sensor:
         false_alarms_per_frame=fields.number_or("false_alarms_per_frame", _SENSOR.false_alarms_per_frame, low=0.0),
         classes=fields.texts("classes") if "classes" in fields else _SENSOR.classes,
     )
+    return fields.checked(make)
 
 
 def _read_mount(fields: Fields) -> Mount:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 
 from slamcu_core.drive import DriveHeader, Record
 from slamcu_core.errors import FormatError
@@ -15,6 +16,7 @@ from slamcu_core.formats.drive_header import HeaderContext, header_to_json, read
 from slamcu_core.formats.drive_records import RECORD_READERS, record_to_json
 from slamcu_core.formats.fields import Fields, Place, parse_json
 from slamcu_core.formats.lines import numbered_lines
+from slamcu_core.records import check_record
 
 __all__ = ["read_drive_log", "write_drive_log"]
 
@@ -61,6 +63,7 @@ def _records(numbered: Iterator[tuple[int, str]], context: HeaderContext, source
         if reader is None:
             continue
         record = reader(fields, context)
+        fields.checked(partial(check_record, record, context.sensors, wheelbase_m=context.header.wheelbase_m))
         if record.t < latest:
             raise place.error(f"time runs backwards: {record.t:g} s after {latest:g} s", "t")
         latest = record.t

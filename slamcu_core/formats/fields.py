@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import NoReturn, TypeVar
 
-from slamcu_core.errors import FormatError
+from slamcu_core.errors import FieldError, FormatError
+
+T = TypeVar("T")
 
 MAX_TEXT = 200
 INT64_MAX = 2**63 - 1
@@ -155,6 +157,15 @@ class Fields:
     def optional_text(self, name: str, *, choices: Collection[str] = (), kind: str = "") -> str | None:
         """Return text as `text` does, None where the field is missing or null."""
         return self.text(name, choices=choices, kind=kind) if name in self else None
+
+    def checked(self, make: Callable[[], T]) -> T:
+        """Return what is made of the fields; what it says of one of them is said of this place."""
+        try:
+            return make()
+        except FieldError as error:
+            raise self.place.error(
+                f"expected {error.expected}, not {describe(error.value)}", self.at(error.field)
+            ) from error
 
     def child(self, name: str) -> Fields:
         """Return a field that is an object."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import partial
 
 from slamcu_core.formats.fields import Fields
 from slamcu_core.formats.geojson import FeatureCollection, PointFeature, point_to_json, read_unique, write_collection
@@ -93,7 +94,8 @@ def map_properties(feature: MapFeature) -> dict[str, object]:
 def _read_feature(point: PointFeature) -> MapFeature:
     properties = point.properties
     feature_class = read_class(properties)
-    return MapFeature(
+    make = partial(
+        MapFeature,
         object_id=point.id or 0,
         lon=point.lon,
         lat=point.lat,
@@ -109,6 +111,7 @@ def _read_feature(point: PointFeature) -> MapFeature:
         tile_id=_tile_id(point),
         moved_from=_moved_from(point),
     )
+    return properties.checked(make)
 
 
 def _tile_id(point: PointFeature) -> int:

@@ -235,7 +235,7 @@ LIDAR = replace(Sensor("lidar"), kind=SensorKind.POSITION)
 @pytest.mark.parametrize(
     ("record", "message"),
     [
-        (Odometry(0.5, 1.0, 0.0), "order of time"),
+        (Odometry(0.5, 1.0, 0.0), "time runs backwards"),
         (Odometry(float("nan"), 1.0, 0.0), "t must be"),
         (Odometry(-1.0, 1.0, 0.0), "t must be"),
         (Odometry(2.0, float("inf"), 0.0), "speed must be"),
@@ -246,8 +246,8 @@ LIDAR = replace(Sensor("lidar"), kind=SensorKind.POSITION)
         (GnssFix(2.0, 181.0, 0.0, 1.0), "lon must be"),
         (GnssFix(2.0, 0.0, float("nan"), 1.0), "lat must be"),
         (GnssFix(2.0, 0.0, 0.0, 0.0), "std_m must be"),
-        (DetectionFrame(2.0, "radar"), "no sensor 'radar' in the header .known: cam, lidar"),
-        (ObjectFrame(2.0, "radar"), "no sensor 'radar'"),
+        (DetectionFrame(2.0, "radar"), "sensor 'radar' is not in the header, which has .'cam', 'lidar'."),
+        (ObjectFrame(2.0, "radar"), "sensor 'radar' is not"),
         (DetectionFrame(2.0, "cam", (Detection("traffic_sign", 5.0, 0.0), Detection("traffic_sign"))), r"items\[1\]"),
         (DetectionFrame(2.0, "cam", (Detection("traffic_sign", -1.0, 0.0),)), r"items\[0\].range must be"),
         (DetectionFrame(2.0, "cam", (Detection("traffic_sign", 1.0, float("nan")),)), "bearing must be"),

@@ -402,12 +402,12 @@ BEFORE = [Odometry(1.0, SPEED, yaw_rate=0.0), DetectionFrame(1.5, "camera")]
     ("record", "message"),
     [
         (Odometry(0.5, SPEED, yaw_rate=0.0), "time runs backwards"),
-        (Odometry(float("nan"), SPEED, yaw_rate=0.0), "time runs backwards"),
+        (Odometry(float("nan"), SPEED, yaw_rate=0.0), "t must be"),
         (DetectionFrame(1.5, "camera"), "two frames"),
         (DetectionFrame(2.0, "lidar"), "sensor 'lidar' is not in the header"),
-        (DetectionFrame(2.0, "camera", (Detection("traffic_sign", x=1.0, y=1.0),)), "range and bearing"),
+        (DetectionFrame(2.0, "camera", (Detection("traffic_sign", x=1.0, y=1.0),)), r"items.0..range must be"),
         (Odometry(2.0, SPEED, steering=0.1), "wheelbase_m"),
-        (Odometry(2.0, SPEED), "yaw_rate or steering"),
+        (Odometry(2.0, SPEED), "either yaw_rate or steering"),
     ],
     ids=["backwards", "nan", "twice", "unknown sensor", "wrong measurement", "no wheelbase", "no turn"],
 )

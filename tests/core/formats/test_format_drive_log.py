@@ -31,7 +31,7 @@ from slamcu_core.formats import read_drive_log, write_drive_log
 from slamcu_core.geometry import LocalFrame
 
 texts = st.text(st.characters(codec="utf-8", categories=("L", "N", "P")), min_size=1, max_size=20)
-finite = st.floats(-1e6, 1e6)
+speeds, yaw_rates, places = st.floats(-150.0, 150.0), st.floats(-10.0, 10.0), st.floats(-1e4, 1e4)
 positive = st.floats(1e-3, 1e3)
 longitudes, latitudes = st.floats(-180.0, 180.0), st.floats(-90.0, 90.0)
 headings = st.floats(-360.0, 360.0)
@@ -48,12 +48,12 @@ def sensors(draw: st.DrawFn, name: str, kind: SensorKind) -> Sensor:
         kind=kind,
         fov_deg=draw(st.floats(1.0, 360.0)),
         min_range_m=nearest,
-        max_range_m=nearest + draw(positive),
+        max_range_m=nearest + draw(st.floats(0.1, 1e3)),
         rate_hz=draw(positive),
         mount=Mount(draw(st.floats(-9.0, 9.0)), draw(st.floats(-9.0, 9.0)), draw(headings)),
         range_std_m=draw(positive),
         range_std_rel=draw(st.floats(0.0, 1.0)),
-        bearing_std_rad=draw(positive),
+        bearing_std_rad=draw(st.floats(1e-3, 9.0)),
         position_std_m=draw(positive),
         detection_probability=draw(lambdas),
         false_alarms_per_frame=draw(st.floats(0.0, 9.0)),
@@ -71,7 +71,7 @@ headers = st.builds(
     ),
     sensors=st.tuples(sensors("camera", SensorKind.RANGE_BEARING), sensors("lidar", SensorKind.POSITION)),
     fleet_id=texts | st.just(""),
-    wheelbase_m=positive,
+    wheelbase_m=st.floats(0.1, 100.0),
 )
 seen_by_camera = st.builds(
     Detection,
@@ -85,14 +85,14 @@ seen_by_camera = st.builds(
 seen_by_lidar = st.builds(
     Detection,
     feature_class=texts.filter(lambda name: name != "traffic_sign"),
-    x=finite,
-    y=finite,
+    x=places,
+    y=places,
     sign=st.none() | texts,
 )
 times = st.just(0.0)
 record_at_zero: st.SearchStrategy[Record] = st.one_of(
-    st.builds(Odometry, times, finite, finite, st.none() | st.floats(-1.5, 1.5)),
-    st.builds(Odometry, times, finite, st.none(), st.floats(-1.5, 1.5)),
+    st.builds(Odometry, times, speeds, yaw_rates),
+    st.builds(Odometry, times, st.floats(-1.0, 1.0), st.none(), st.floats(-0.05, 0.05)),
     st.builds(GnssFix, times, longitudes, latitudes, positive),
     st.builds(DetectionFrame, times, st.just("camera"), st.lists(seen_by_camera, max_size=3).map(tuple)),
     st.builds(DetectionFrame, times, st.just("lidar"), st.lists(seen_by_lidar, max_size=3).map(tuple)),
