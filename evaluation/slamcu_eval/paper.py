@@ -201,6 +201,18 @@ def _one_by_one(
         done()
 
 
+def _error_over_oracle(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Return how far off new signs are, over how far the oracle is with the same ones, and its interval by drive."""
+    ours, oracle = [], []
+    for outcome in outcomes:
+        pairs = [(r.position_error_m, r.oracle_error_m) for r in outcome.records]
+        both = [(our, true) for our, true in pairs if our is not None and true is not None]
+        ours.append(sum(our for our, _ in both))
+        oracle.append(sum(true for _, true in both))
+    ratio = sum(ours) / sum(oracle) if sum(oracle) > 0 else float("nan")
+    return {"ratio": ratio, "ci95": list(cluster_interval(ours, oracle))}
+
+
 def paper_figures(outcomes: Sequence[Outcome], particles: int) -> dict[str, Any]:
     """Return every figure of the evaluation contract's `paper`, over all drives, diverged ones included."""
     scores = [outcome.score for outcome in outcomes]
@@ -215,6 +227,7 @@ def paper_figures(outcomes: Sequence[Outcome], particles: int) -> dict[str, Any]
         "accuracy_ci95": list(cluster_interval([s.right for s in scores], [len(s.said) for s in scores])),
         "false_new_per_drive": false_new / len(outcomes),
         "oracle_error_m": summarize([e for outcome in outcomes for e in outcome.oracle_errors_m]),
+        "error_over_oracle": _error_over_oracle(outcomes),
         "oracle_error_all_m": summarize([e for outcome in outcomes for e in outcome.oracle_errors_all_m]),
         "single_sighting_error_m": summarize([e for outcome in outcomes for e in outcome.single_sighting_m]),
         "localization_rmse_m": float(np.sqrt(np.mean(pose_errors**2))),

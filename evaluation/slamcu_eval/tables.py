@@ -29,8 +29,8 @@ def fill(text: str, results: dict[str, Figures], *, source: str) -> str:
     return _MARK.sub(replace, text)
 
 
-def _between(interval: Sequence[float | None], factor: float = 100.0) -> str:
-    low, high = (number(None if end is None else factor * end, 1) for end in interval)
+def _between(interval: Sequence[float | None], factor: float = 100.0, decimals: int = 1) -> str:
+    low, high = (number(None if end is None else factor * end, decimals) for end in interval)
     return f"{low} to {high}"
 
 
@@ -54,6 +54,11 @@ def paper(results: dict[str, Figures]) -> str:
                 "0.8 and 0.9 m",
             ),
             ("the same by least squares with the true poses (oracle), mean", number(oracle["mean"], 2, " m"), ""),
+            (
+                "error over the oracle's, and 95 % interval by drive",
+                f"{number(f['error_over_oracle']['ratio'])} ({_between(f['error_over_oracle']['ci95'], 1.0, 2)})",
+                "",
+            ),
             ("a single sighting with the true pose, mean", number(single["mean"], 2, " m"), ""),
             ("new signs inside their own 95 % ellipse", share(f["ellipse95_coverage"]), ""),
             ("pose error, root mean square", number(f["localization_rmse_m"], 2, " m"), ""),

@@ -52,6 +52,11 @@ def test_every_feature_of_every_drive_counts(outcomes: list[Outcome]) -> None:
     right = sum(figures["confusion"][kind][kind] for kind in figures["confusion"])
     assert figures["accuracy"] == pytest.approx(right / 51)
     assert figures["accuracy_ci95"][0] <= figures["accuracy"] <= figures["accuracy_ci95"][1]
+    low, high = figures["error_over_oracle"]["ci95"]
+    assert low <= figures["error_over_oracle"]["ratio"] <= high
+    assert figures["error_over_oracle"]["ratio"] == pytest.approx(
+        figures["new_position_error_m"]["mean"] / figures["oracle_error_m"]["mean"]
+    )
     assert figures["new_position_error_m"].keys() == {"mean", "median", "p95", "std"}
     assert figures["step_ms"].keys() == {"mean", "p50", "p99"}
 

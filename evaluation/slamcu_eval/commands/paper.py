@@ -52,6 +52,7 @@ def _beside_the_paper(figures: dict[str, Any]) -> Table:
         table.add_column(column, justify="right" if side == "right" else "left")
     error, oracle, single = (figures[f"{name}_error_m"] for name in ("new_position", "oracle", "single_sighting"))
     low, high = figures["accuracy_ci95"]
+    ratio = figures["error_over_oracle"]
     step, health, theirs = figures["step_ms"], figures["health"], PUBLISHED
     rows = [
         ("drives", str(figures["drives"]), str(theirs["drives"])),
@@ -64,6 +65,7 @@ def _beside_the_paper(figures: dict[str, Any]) -> Table:
         ("  standard deviation", f"{error['std']:.2f} m", f"{theirs['new_position_error_m']['std']:.1f} m"),
         ("  median, 95th percentile", f"{error['median']:.2f} m, {error['p95']:.2f} m", ""),
         ("  with true poses (oracle), mean", f"{oracle['mean']:.2f} m", ""),
+        ("  over the oracle's, 95 % interval", "{:.2f} ({:.2f} to {:.2f})".format(ratio["ratio"], *ratio["ci95"]), ""),
         ("  single sighting, mean", f"{single['mean']:.2f} m", ""),
         ("inside their 95 % ellipse", f"{figures['ellipse95_coverage']:.1%}", ""),
         ("pose error, root mean square", f"{figures['localization_rmse_m']:.2f} m", ""),
