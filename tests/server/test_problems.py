@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import logging
+import re
 from typing import Any
 from urllib.parse import quote
 
@@ -157,7 +158,18 @@ async def test_the_documentation_is_complete(app: FastAPI, client: httpx.AsyncCl
         for status, answer in operation["responses"].items():
             if int(status) >= 400:
                 assert list(answer["content"]) == ["application/problem+json"], f"{where} {status}"
-    assert (await client.get("/docs")).status_code == 200
+
+
+async def test_the_page_of_the_documentation_loads_nothing_from_elsewhere(client: httpx.AsyncClient) -> None:
+    page = await client.get("/docs")
+    loaded = re.findall(r"""(?:src|href)=["']([^"']+)["']""", page.text)
+    assert page.status_code == 200
+    assert len(loaded) >= 3
+    assert all(address.startswith("/") for address in loaded)
+    for address in loaded:
+        assert (await client.get(address)).status_code == 200, address
+    missing = await client.get(loaded[0] + ".map")
+    assert (missing.status_code, missing.headers["content-type"]) == (404, "application/problem+json")
 
 
 NASTY = (
