@@ -61,6 +61,8 @@ def test_across_the_antimeridian_all_is_as_elsewhere() -> None:
         passes = [report for record in drive() for report in one.feed(record)]
         states = sorted((f.feature.object_id if f.feature else 0, f.state) for f in one.features())
         told[lon] = states, len(passes + one.finish())
+        assert -180.0 <= one.pose.lon < 180.0
+        assert all(-180.0 <= feature.lon < 180.0 for feature in one.features())
     assert told[2.1] == told[179.998]
     assert told[2.1][0] == [(0, "new"), (1, "normal"), (2, "normal"), (3, "normal"), (4, "deleted")]
 
