@@ -193,6 +193,17 @@ async def test_a_turn_that_fails_is_given_back(engine: AsyncEngine) -> None:
         assert (await next_one.execute(text("SELECT pg_try_advisory_xact_lock(4)"))).scalar_one()
 
 
+async def test_what_is_fused_no_longer_says_where_it_was(
+    open_log: OpenLog, accounts: list[int], engine: AsyncEngine
+) -> None:
+    await append(open_log, accounts[0], LogEntry("s", 1, b"x", 5), LogEntry("s", 2, b"x", 5))
+    async with open_log() as log:
+        await log.mark_fused([1])
+    async with engine.connect() as connection:
+        told = await connection.execute(text("SELECT state, region FROM messages ORDER BY id"))
+        assert [tuple(row) for row in told] == [("fused", 0), ("pending", 5)]
+
+
 async def test_nobody_waits_for_his_region_longer_than_a_few_batches(open_log: OpenLog, accounts: list[int]) -> None:
     """The oldest is followed by its own region; those of another one are not put off for what came long after them."""
     regions = [9, *(1 for _ in range(8)), *(9 for _ in range(20))]

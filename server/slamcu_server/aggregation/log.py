@@ -106,10 +106,14 @@ async def _claim(connection: AsyncConnection, which: str, limit: int, **paramete
 
 
 async def mark_fused(connection: AsyncConnection, ids: Iterable[int]) -> None:
-    """Say that the effect of messages is part of this transaction."""
+    """Say that the effect of messages is part of this transaction, and forget where they were from.
+
+    A region every ten seconds is a trajectory, and only who waits for its turn needs one.
+    """
     await connection.execute(
         text("""
-        UPDATE messages SET state = 'fused', processed_at = clock_timestamp(), error = NULL, condensed = NULL
+        UPDATE messages SET state = 'fused', processed_at = clock_timestamp(), error = NULL, condensed = NULL,
+            region = 0
         WHERE id = ANY(CAST(:ids AS bigint[]))"""),
         {"ids": sorted(ids)},
     )
