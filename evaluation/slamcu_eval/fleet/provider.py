@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator, Mapping
 from typing import Any
 from urllib.parse import quote
 
 from slamcu_client import Response, Server
 from slamcu_core.errors import SlamcuError
+
+_PATIENCE_S = 30.0  # with a server that says when to ask again, as while a map is imported
 
 
 class CloudError(SlamcuError):
@@ -35,7 +38,7 @@ class Provider:
         headers: Mapping[str, str] | None = None,
         body: object = None,
     ) -> Response:
-        """Send a request as a map provider.
+        """Send a request as a map provider, again for a while if the server is busy and says when.
 
         Raises CloudError if the answer is no success, TransportError if none came.
         """
@@ -43,7 +46,13 @@ class Provider:
             raise CloudError("the server has not been started")
         content = b"" if body is None else json.dumps(body).encode()
         headers = {"Content-Type": "application/json", **(headers or {})}
-        _, answer = self._provider.exchange(method, path, query=query, headers=headers, content=content)
+        deadline = time.monotonic() + _PATIENCE_S
+        while True:
+            _, answer = self._provider.exchange(method, path, query=query, headers=headers, content=content)
+            pause = answer.headers.get("retry-after", "")
+            if answer.status != 503 or not pause.isdigit() or time.monotonic() + int(pause) > deadline:
+                break
+            time.sleep(int(pause))
         if not 200 <= answer.status < 300:
             raise CloudError(f"{method} {path}: {answer.status} {answer.content.decode(errors='replace')[:300]}")
         return answer
