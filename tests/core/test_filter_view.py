@@ -26,8 +26,13 @@ from slamcu_core.hd_map import HDMap, MapFeature
 FRAME = LocalFrame(2.1, 48.9)
 
 
-def _drive(kind: SensorKind, heading_deg: float, fov_deg: float) -> list[FeatureEstimate]:
-    """Drive 40 m past fifty signs, a third of them not in the map, with a truck beside and a wide start."""
+TRUCKS = Occluder(20.0, 0.3, 3.0), Occluder(45.0, -0.1, 2.5)
+
+
+def _drive(
+    kind: SensorKind, heading_deg: float, fov_deg: float, trucks: tuple[Occluder, ...] = TRUCKS
+) -> list[FeatureEstimate]:
+    """Drive 40 m past fifty signs, a third of them not in the map, with trucks ahead and a wide start."""
     rng = np.random.default_rng(7)
     sensor = Sensor("eye", kind=kind, mount=Mount(1.5, 0.4, 3.0), fov_deg=fov_deg, max_range_m=60.0, rate_hz=10.0)
     header = DriveHeader(
@@ -42,7 +47,7 @@ def _drive(kind: SensorKind, heading_deg: float, fov_deg: float) -> list[Feature
     for step in range(1, 21):
         t = 0.2 * step
         car.feed(Odometry(t, 10.0, yaw_rate=0.0))
-        car.feed(ObjectFrame(t, "eye", (Occluder(0.3, 20.0, 3.0), Occluder(-0.1, 45.0, 2.5))))
+        car.feed(ObjectFrame(t, "eye", trucks))
         place = signs - [10.0 * t + 1.5, 0.4]
         distance, bearing = np.hypot(*place.T), np.arctan2(place[:, 1], place[:, 0]) - np.deg2rad(3.0)
         seen = (np.abs(bearing) < np.deg2rad(fov_deg) / 2) & (distance < 60.0) & (rng.random(50) < 0.5)
@@ -93,6 +98,6 @@ def test_most_rows_of_a_dense_map_are_given_up(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(view, "_MANY", 0)
     monkeypatch.setattr(outline.MeanLook, "close_ones_first", counted)
-    _drive(SensorKind.RANGE_BEARING, 90.0, 60.0)
+    _drive(SensorKind.RANGE_BEARING, 90.0, 60.0, trucks=())  # what may be hidden is looked at
     close, within_reach = np.sum(looked[-10:], axis=0)
     assert 0 < close < 0.8 * within_reach
