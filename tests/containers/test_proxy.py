@@ -50,8 +50,8 @@ def _command(configuration: Path) -> list[str]:
         return [found, "-db", "-f", str(configuration)]
     image = f"slamcu-proxy:{version('slamcu-server')}"
     mounted = f"{configuration.parent}:{configuration.parent}:ro"
-    run = ["docker", "run", "--rm", "--init", "--network", "host", "--volume", mounted]
-    return [*run, image, "-f", str(configuration)]
+    run = ["docker", "run", "--rm", "--init", "--network", "host", "--volume", mounted, "--entrypoint", "haproxy"]
+    return [*run, image, "-db", "-f", str(configuration)]
 
 
 @contextmanager
