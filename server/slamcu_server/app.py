@@ -73,7 +73,7 @@ def create_app(settings: Settings, *, engine: AsyncEngine | None = None) -> Fast
             yield
 
     app = FastAPIOffline(  # /docs asks for an API key: no script of anybody else's runs beside it
-        redoc_url=None,
+        static_url="/docs/static",
         title="slamcu",
         version=version("slamcu-server"),
         description=_DESCRIPTION,

@@ -113,9 +113,10 @@ def test_what_is_for_the_inside_is_not_let_in(proxy: int, name: str) -> None:
 
 
 def test_the_api_and_its_documentation_are_let_in(proxy: int) -> None:
-    for path in ("/v1/maps", "/v1/maps/a%20town/features?bbox=1,2,3,4", "/docs", "/redoc", "/openapi.json", "/livez"):
+    documentation = ["/docs", "/docs/static/swagger-ui.css", "/redoc", "/openapi.json"]
+    for path in ("/v1/maps", "/v1/maps/a%20town/features?bbox=1,2,3,4", *documentation, "/livez"):
         assert _ask(proxy, "GET", path) == 200, path
-    assert _Replica.asked == ["/v1/maps", "/v1/maps/a town/features?bbox=1,2,3,4", "/docs", "/redoc", "/openapi.json"]
+    assert _Replica.asked == ["/v1/maps", "/v1/maps/a town/features?bbox=1,2,3,4", *documentation]
 
 
 @pytest.mark.parametrize(
