@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.geometry import inverse
+from slamcu_core.geometry import inverse, mahalanobis_square
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -78,12 +78,14 @@ def first_of(groups: Indices) -> Indices:
 
 def mahalanobis(difference: Array, covariance: Array) -> Array:
     """Return d² of differences (..., 2) under covariances (..., 2, 2)."""
-    xx, xy, yy = covariance[..., 0, 0], covariance[..., 0, 1], covariance[..., 1, 1]
-    x, y = difference[..., 0], difference[..., 1]
-    return np.asarray((yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy))
+    return mahalanobis_square(np.moveaxis(difference, -1, 0), _components(covariance))[0]
 
 
 def inverses(matrix: Array) -> Array:
     """Return the inverses of symmetric matrices (..., 2, 2)."""
-    xx, xy, yy = inverse((matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]))
+    xx, xy, yy = inverse(_components(matrix))
     return np.stack([xx, xy, xy, yy], axis=-1).reshape(matrix.shape)
+
+
+def _components(matrix: Array) -> tuple[Array, Array, Array]:
+    return matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.resampling import systematic
+from slamcu_core.geometry import mahalanobis_square
 
 Array = NDArray[np.float64]
 
@@ -84,10 +85,9 @@ class GnssBias:
         """Return the normalised square of innovations (2, M), each of a variance of its own, over the particles."""
         mean = innovation @ weights
         delta = innovation - mean[:, None]
-        xx, xy, _, yy = ((delta * weights) @ delta.T).ravel().tolist()
-        x, y = mean.tolist()
-        xx, yy = xx + variance + ASIDE_M2, yy + variance + ASIDE_M2
-        return float((yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy))
+        xx, xy, _, yy = ((delta * weights) @ delta.T).ravel()
+        own = variance + ASIDE_M2
+        return float(mahalanobis_square(mean, np.array([xx + own, xy, yy + own]))[0])
 
     def start_over(self, particles: Particles, fix: Array, std_m: float, rng: np.random.Generator) -> None:
         """Spread particles about the last fix (2,), m, as if the drive started there, in place; headings stay."""
