@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from enum import StrEnum
 
-from slamcu_core.errors import FieldError
+from slamcu_core.errors import FieldError, check_within
 
 MOST_REACH_M = 2_000.0
 """No sensor reaches farther: what the map has within reach is looked up again every few metres."""
@@ -34,9 +34,9 @@ class Mount:
 
     def __post_init__(self) -> None:
         """Raise FieldError for a place that is on no vehicle."""
-        _check_within(self, "x", -100.0, 100.0, "m")
-        _check_within(self, "y", -100.0, 100.0, "m")
-        _check_within(self, "yaw_deg", -360.0, 360.0, "degrees")
+        check_within(self, "x", -100.0, 100.0, "m")
+        check_within(self, "y", -100.0, 100.0, "m")
+        check_within(self, "yaw_deg", -360.0, 360.0, "degrees")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,20 +60,20 @@ class Sensor:
 
     def __post_init__(self) -> None:
         """Raise FieldError for what no sensor is like."""
-        _check_within(self, "fov_deg", _TINY, 360.0, "degrees")
-        _check_within(self, "min_range_m", 0.0, MOST_REACH_M, "m")
-        _check_within(self, "max_range_m", 0.1, MOST_REACH_M, "m")
+        check_within(self, "fov_deg", _TINY, 360.0, "degrees")
+        check_within(self, "min_range_m", 0.0, MOST_REACH_M, "m")
+        check_within(self, "max_range_m", 0.1, MOST_REACH_M, "m")
         if not self.max_range_m > self.min_range_m:
             raise FieldError("max_range_m", f"above min_range_m, {self.min_range_m:g}", self.max_range_m)
-        _check_within(self, "rate_hz", _TINY, 1e6, "Hz")
-        _check_within(self, "range_std_m", 0.0, 1e3, "m")
-        _check_within(self, "range_std_rel", 0.0, 10.0, "of the range")
+        check_within(self, "rate_hz", _TINY, 1e6, "Hz")
+        check_within(self, "range_std_m", 0.0, 1e3, "m")
+        check_within(self, "range_std_rel", 0.0, 10.0, "of the range")
         if self.kind is SensorKind.RANGE_BEARING and max(self.range_std_m, self.range_std_rel) < _TINY:
             raise FieldError("range_std_m", f"at least {_TINY:g} m, or range_std_rel", self.range_std_m)
-        _check_within(self, "bearing_std_rad", _TINY, 10.0, "rad")
-        _check_within(self, "position_std_m", _TINY, 1e3, "m")
-        _check_within(self, "detection_probability", _TINY, 1.0, "")
-        _check_within(self, "false_alarms_per_frame", 0.0, 1e3, "")
+        check_within(self, "bearing_std_rad", _TINY, 10.0, "rad")
+        check_within(self, "position_std_m", _TINY, 1e3, "m")
+        check_within(self, "detection_probability", _TINY, 1.0, "")
+        check_within(self, "false_alarms_per_frame", 0.0, 1e3, "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,11 +88,11 @@ class InitialPose:
 
     def __post_init__(self) -> None:
         """Raise FieldError for a place that is nowhere, or known no better than a continent."""
-        _check_within(self, "lon", -180.0, 180.0, "degrees")
-        _check_within(self, "lat", -90.0, 90.0, "degrees")
-        _check_within(self, "heading_deg", -360.0, 360.0, "degrees")
-        _check_within(self, "position_std_m", 0.0, 1e5, "m")
-        _check_within(self, "heading_std_deg", 0.0, 360.0, "degrees")
+        check_within(self, "lon", -180.0, 180.0, "degrees")
+        check_within(self, "lat", -90.0, 90.0, "degrees")
+        check_within(self, "heading_deg", -360.0, 360.0, "degrees")
+        check_within(self, "position_std_m", 0.0, 1e5, "m")
+        check_within(self, "heading_std_deg", 0.0, 360.0, "degrees")
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +110,7 @@ class DriveHeader:
     def __post_init__(self) -> None:
         """Raise FieldError for a wheelbase that no vehicle has."""
         if self.wheelbase_m is not None:
-            _check_within(self, "wheelbase_m", 0.01, 100.0, "m")
+            check_within(self, "wheelbase_m", 0.01, 100.0, "m")
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,9 +176,3 @@ class ObjectFrame:
 
 
 Record = Odometry | GnssFix | DetectionFrame | ObjectFrame
-
-
-def _check_within(holder: object, field: str, low: float, high: float, unit: str) -> None:
-    value = getattr(holder, field)
-    if not low <= value <= high:
-        raise FieldError(field, f"in [{low:g}, {high:g}] {unit}".rstrip(), value)

@@ -26,6 +26,13 @@ class FieldError(SlamcuError, ValueError):
         super().__init__(f"{field} must be {expected}, not {value}")
 
 
+def check_within(holder: object, field: str, low: float, high: float, unit: str) -> None:
+    """Raise FieldError if a field of an object is not a number from `low` to `high`."""
+    value = getattr(holder, field)
+    if not low <= value <= high:
+        raise FieldError(field, f"in [{low:g}, {high:g}] {unit}".rstrip(), value)
+
+
 class FilterLostError(SlamcuError):
     """The filter's numbers have broken down: what it believes is worth nothing, and a new session is needed."""
 

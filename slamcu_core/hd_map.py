@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.errors import FieldError, FormatError
+from slamcu_core.errors import FieldError, FormatError, check_within
 from slamcu_core.geometry import Cell, cell_of, cells_within
 
 _CELL_DEG = 0.002  # about 220 m north-south: a few cells cover any sensor's reach
@@ -40,10 +40,8 @@ class MapFeature:
         """Raise FieldError for a place or a confidence that makes no sense."""
         if not (math.isfinite(self.lon) and -90.0 <= self.lat <= 90.0):
             raise FieldError("lon, lat", "finite degrees, lat in [-90, 90]", (self.lon, self.lat))
-        if not 0.0 <= self.existence_confidence <= 1.0:
-            raise FieldError("existence_confidence", "in [0, 1]", self.existence_confidence)
-        if not 0.0 <= self.position_std_m <= 1e3:
-            raise FieldError("position_std_m", "in [0, 1000] m", self.position_std_m)
+        check_within(self, "existence_confidence", 0.0, 1.0, "")
+        check_within(self, "position_std_m", 0.0, 1e3, "m")
 
     @property
     def watched(self) -> bool:
