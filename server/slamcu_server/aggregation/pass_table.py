@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.aggregation import PassColumns
-from slamcu_server.aggregation.passes import PassKey, StoredPass
+from slamcu_server.aggregation.passes import StoredPass
 
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
@@ -33,7 +33,7 @@ class PassTable:
     @classmethod
     def of(cls, things: Sequence[Iterable[StoredPass]]) -> PassTable:
         """Return the table of some passes over each of some things."""
-        ordered = [sorted(passes, key=_canonical) for passes in things]
+        ordered = [sorted(passes, key=lambda item: item.order) for passes in things]
         passes = tuple(item for mine in ordered for item in mine)
         return cls(
             passes,
@@ -53,13 +53,13 @@ class PassTable:
 
     def columns(self) -> PassColumns:
         """Return what the law folds."""
-        speaks = self.valid & ~self.blocked
+        weight_for, weight_against = np.array([item.weights for item in self.passes], float).reshape(-1, 2).T.copy()
         return PassColumns(
             self.thing,
-            np.array([item.key[0] for item in self.passes], np.int64),
+            np.array([item.contributor for item in self.passes], np.int64),
             self.ended_at,
-            np.where(speaks, [item.weight_for for item in self.passes], 0.0),
-            np.where(speaks, [item.weight_against for item in self.passes], 0.0),
+            weight_for,
+            weight_against,
             None if self.trusted.all() else ~self.trusted,
         )
 
@@ -90,7 +90,3 @@ class PassTable:
         for number in np.flatnonzero(chosen).tolist():
             ids[int(self.thing[number])].append(self.passes[number].id)
         return {thing: tuple(sorted(mine)) for thing, mine in ids.items()}
-
-
-def _canonical(item: StoredPass) -> tuple[datetime, PassKey]:
-    return item.ended_at, item.key
