@@ -102,15 +102,14 @@ async def serve(settings: Settings, *, ready: Callable[[str], None]) -> None:
         engine = await stack.enter_async_context(open_database(settings, application_name="slamcu-server"))
         server = _server(create_app(settings, engine=engine), settings)
         serving = asyncio.create_task(server.serve(sockets=[listener]))
-        if await _first(serving, server.listening.wait()):
-            _collect_less()
-            try:
+        try:
+            if await _first(serving, server.listening.wait()):
+                _collect_less()
                 ready(_url(settings.host, listener))
                 await _first(serving, stop.wait())
-            finally:
-                server.should_exit = True
-                await serving
-        await serving
+        finally:
+            server.should_exit = True
+            await serving
 
 
 async def work(settings: Settings, *, ready: Callable[[], None]) -> None:

@@ -25,9 +25,8 @@ async def read_transaction(engine: Annotated[AsyncEngine, Depends(get_engine)]) 
     async with engine.connect() as connection:
         await connection.execution_options(isolation_level="REPEATABLE READ", postgresql_readonly=True)
         async with connection.begin():
-            await connection.execute(
-                _STATEMENT_TIMEOUT
-            )  # of requests only: imports, workers, migrations take their time
+            # of requests only: imports, workers and migrations take their time
+            await connection.execute(_STATEMENT_TIMEOUT)
             yield connection
 
 
