@@ -64,13 +64,15 @@ def law_curves(
     default: ClassPolicy, *, passes: int, seed: int, done: Callable[[], None] = lambda: None
 ) -> Iterator[dict[str, Any]]:
     """Yield the figures of every setting; the default's own are counted over ten times as many passes."""
-    for number, setting in enumerate(settings(default)):
+    all_settings = settings(default)
+    # each setting has draws of its own: neighbouring rows, and neighbouring seeds, share none
+    for setting, stream in zip(all_settings, np.random.SeedSequence(seed).spawn(len(all_settings)), strict=True):
         count = 10 * passes if setting.policy == default else passes
-        yield point(setting, passes=count, seed=seed + number)
+        yield point(setting, passes=count, stream=stream)
         done()
 
 
-def point(setting: Setting, *, passes: int, seed: int) -> dict[str, Any]:
+def point(setting: Setting, *, passes: int, stream: np.random.SeedSequence) -> dict[str, Any]:
     """Return the figures of one setting."""
     policy, side = setting.policy, setting.side
     deleted = side is Side.DELETED
@@ -90,7 +92,8 @@ def point(setting: Setting, *, passes: int, seed: int) -> dict[str, Any]:
     }
     rates: dict[str, Rate] = {}
     for name, (after, length) in starts.items():
-        rates[name] = false_changes(policy, side, rate, passes=passes, after=after, length=length, seed=seed)
+        alarms, waits = stream.spawn(2)
+        rates[name] = false_changes(policy, side, rate, passes=passes, after=after, length=length, stream=alarms)
         taken = delays(
             policy,
             side,
@@ -98,7 +101,7 @@ def point(setting: Setting, *, passes: int, seed: int) -> dict[str, Any]:
             phantom_rate=setting.phantom_rate,
             before=after,
             features=_FEATURES,
-            seed=seed,
+            stream=waits,
         )
         figures["false_per_10000"][name] = rates[name].per_10000
         figures["passes_to_decision"][name] = _summary(taken)

@@ -52,7 +52,14 @@ def stands(missed: Flags, policy: ClassPolicy, side: Side) -> Flags:
 
 
 def false_changes(
-    policy: ClassPolicy, side: Side, rate: float, *, passes: int, after: int, length: int, seed: int
+    policy: ClassPolicy,
+    side: Side,
+    rate: float,
+    *,
+    passes: int,
+    after: int,
+    length: int,
+    stream: np.random.SeedSequence,
 ) -> Rate:
     """Count how often a change that is not so begins to stand.
 
@@ -65,7 +72,7 @@ def false_changes(
     length : passes of each feature that count.
     """
     events, features = 0, -(-passes // length)
-    for number, rng in _chunks(features, after + length, seed):
+    for number, rng in _chunks(features, after + length, stream):
         missed = rng.random((after + length, number)) < (rate if side is Side.DELETED else 1.0 - rate)
         if side is Side.NEW and after == 0:
             missed[0] = False
@@ -76,7 +83,14 @@ def false_changes(
 
 
 def delays(
-    policy: ClassPolicy, side: Side, *, miss_rate: float, phantom_rate: float, before: int, features: int, seed: int
+    policy: ClassPolicy,
+    side: Side,
+    *,
+    miss_rate: float,
+    phantom_rate: float,
+    before: int,
+    features: int,
+    stream: np.random.SeedSequence,
 ) -> Array:
     """Return how many passes it takes each of some features, (features,), until its change stands; inf if it does not.
 
@@ -86,7 +100,7 @@ def delays(
         NEW: 0, for the first pass that counts is the one that found it.
     """
     waiting = 3 * LONG
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(stream)
     if side is Side.DELETED:
         missed = rng.random((waiting, features)) >= phantom_rate
         missed = np.vstack([np.zeros((before, features), bool), missed])
@@ -97,8 +111,8 @@ def delays(
     return np.where(standing.any(axis=0), standing.argmax(axis=0) + 1.0, np.inf)
 
 
-def _chunks(features: int, steps: int, seed: int) -> Iterator[tuple[int, np.random.Generator]]:
+def _chunks(features: int, steps: int, stream: np.random.SeedSequence) -> Iterator[tuple[int, np.random.Generator]]:
     size = max(_CHUNK // steps, 1)
     starts = range(0, features, size)
-    for start, child in zip(starts, np.random.SeedSequence(seed).spawn(len(starts)), strict=True):
+    for start, child in zip(starts, stream.spawn(len(starts)), strict=True):
         yield min(size, features - start), np.random.default_rng(child)

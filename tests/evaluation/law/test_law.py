@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.random import SeedSequence
 
 from slamcu_core.aggregation import ClassPolicy, Policy, Side
 from slamcu_eval.cli import run
@@ -35,30 +36,41 @@ def test_fewer_false_alarms_cost_cusum_more_passes() -> None:
 
 
 def test_the_default_policy_is_near_the_bound_and_rarely_wrong() -> None:
-    figures = point(Setting(Side.DELETED, POLICY, 0.05, 0.02), passes=400_000, seed=3)
+    figures = point(Setting(Side.DELETED, POLICY, 0.05, 0.02), passes=400_000, stream=SeedSequence(3))
     assert figures["false_per_10000"]["long"] < 0.1
     assert figures["detection_delay_over_bound"] <= 1.3
     assert figures["passes_to_decision"]["long"]["median"] <= 5
-    new = point(Setting(Side.NEW, POLICY, 0.05, 0.02), passes=50_000, seed=3)
+    new = point(Setting(Side.NEW, POLICY, 0.05, 0.02), passes=50_000, stream=SeedSequence(3))
     assert new["passes_to_decision"]["fresh"]["median"] <= 3
 
 
 def test_no_policy_beats_the_bound() -> None:
     for enter in (0.7, 0.8, 0.9):
         setting = Setting(Side.DELETED, replace(POLICY, enter=enter), 0.1, 0.02)
-        assert point(setting, passes=200_000, seed=4)["detection_delay_over_bound"] >= 1.0
+        assert point(setting, passes=200_000, stream=SeedSequence(4))["detection_delay_over_bound"] >= 1.0
+
+
+def test_rows_and_neighbouring_seeds_share_no_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    loud = Setting(Side.NEW, POLICY, 0.05, 0.05)
+    monkeypatch.setattr(curves, "settings", lambda default: [loud, loud, loud])
+    monkeypatch.setattr(curves, "_FEATURES", 100)
+    rows = [row for seed in (0, 1) for row in curves.law_curves(POLICY, passes=2_000, seed=seed)]
+    counted = [(row["false_per_10000"]["fresh"], row["passes_to_decision"]["fresh"]["mean"]) for row in rows]
+    assert len(set(counted)) == len(counted)
+    again = next(curves.law_curves(POLICY, passes=2_000, seed=0))
+    assert again == rows[0]
 
 
 def test_false_changes_are_counted_once_each_from_where_they_count() -> None:
-    everything = false_changes(POLICY, Side.DELETED, 1.0, passes=500, after=0, length=10, seed=0)
+    everything = false_changes(POLICY, Side.DELETED, 1.0, passes=500, after=0, length=10, stream=SeedSequence(0))
     assert (everything.events, everything.passes) == (50, 500)  # each feature once: it stands on
-    assert false_changes(POLICY, Side.DELETED, 1.0, passes=500, after=10, length=10, seed=0).events == 0
-    assert false_changes(POLICY, Side.NEW, 0.0, passes=500, after=0, length=10, seed=0).events == 0
+    assert false_changes(POLICY, Side.DELETED, 1.0, passes=500, after=10, length=10, stream=SeedSequence(0)).events == 0
+    assert false_changes(POLICY, Side.NEW, 0.0, passes=500, after=0, length=10, stream=SeedSequence(0)).events == 0
 
 
 def test_a_change_that_never_stands_is_waited_for_in_vain() -> None:
     deaf = replace(POLICY, enter=0.99, trust=0.5, forgetting=0.5)
-    taken = delays(deaf, Side.DELETED, miss_rate=0.05, phantom_rate=0.02, before=5, features=20, seed=0)
+    taken = delays(deaf, Side.DELETED, miss_rate=0.05, phantom_rate=0.02, before=5, features=20, stream=SeedSequence(0))
     assert np.isinf(taken).all()
 
 
