@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import tempfile
 import time
-from collections import Counter
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from slamcu_client.progress import ProgressBar
 from slamcu_client.results import result_features
 from slamcu_client.server import Server
 from slamcu_client.session import VehicleSession
+from slamcu_client.summary import summary_lines
 from slamcu_client.uploader import Uploader, UploadResult
 from slamcu_core.drive import DriveHeader
 from slamcu_core.errors import SlamcuError
@@ -158,15 +158,10 @@ def _drive_log(order: DriveOrder, hd_map: HDMap, parameters: FilterParameters, o
     estimates = session.features()
     if order.result is not None:
         write_text(order.result, write_results(result_features(estimates)))
-    states = Counter(feature.state.value for feature in result_features(estimates))
-    _tell(
-        f"{header.session_id}: {seconds:.1f} s, {count} records, map {hd_map.identity.source or '(no name)'} "
-        f"{hd_map.identity.version} with {len(hd_map)} features"
-    )
-    counts = (f"{states[state]} {state}" for state in ("normal", "deleted", "new", "unclassified"))
-    _tell(f"features: {', '.join(counts)}")
     reported = f", {session.passes_reported} reported" if outbox is not None else ""
-    _tell(f"passes: {session.passes}{reported}")
+    _tell(f"{header.session_id}: {seconds:.1f} s, {count} records, {session.passes} passes{reported}")
+    for line in summary_lines(hd_map, estimates):
+        _tell(line)
     lost = session.passes_dropped + session.passes_unusable
     if lost:
         _say(f"{lost} passes could not be reported")

@@ -53,7 +53,7 @@ LOCAL = ("drive", "--map", "map.geojson", "--log", "drive.jsonl")
 def test_a_drive_without_a_server(folder: Path, vehicle, drive) -> None:
     code, out, err = vehicle(*LOCAL, "--result", "out.geojson")
     assert (code, err) == (0, "")
-    assert f"{len(drive.hd_map) - len(drive.gone)} normal, {len(drive.gone)} deleted, 0 new" in out
+    assert f"normal {len(drive.hd_map) - len(drive.gone):>13}\n  deleted {len(drive.gone):>12}\n" in out
     with (folder / "out.geojson").open() as file:
         results = list(read_results(file))
     assert {one.map_object_id: one.state for one in results} == {
@@ -228,7 +228,7 @@ def test_a_map_by_name_is_fetched(folder: Path, vehicle, fake, faults, key) -> N
     fake.pages = lambda query, _headers: faults.Answer(200, document, {"ETag": '"1"'})
     code, out, err = vehicle("drive", "--map-name", "test-road", "--log", "drive.jsonl", "--server", fake.url)
     assert (code, err) == (0, "")
-    assert "map test-road 2026.05.1 with 12 features" in out
+    assert "map test-road 2026.05.1: 12 features" in out
     code, out, err = vehicle("fetch-map", "--server", fake.url, "--map", "test-road", "--out", "fetched.geojson")
     assert (code, err) == (0, "")
     assert "12 features and 0 to watch" in out
@@ -368,7 +368,7 @@ def test_a_terminal_gets_a_progress_bar_and_a_pipe_does_not(folder: Path) -> Non
     os.close(ours)
     assert b"driving [#" in seen
     assert b"%" in seen
-    assert "features:" in done.stdout
+    assert "12 features" in done.stdout
     piped = subprocess.run(command, capture_output=True, check=True, text=True)
     assert piped.stderr == ""
 
