@@ -17,7 +17,6 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from slamcu_core.aggregation import Policy
 from slamcu_server.aggregation import log, quiet, reads, windows
-from slamcu_server.aggregation.boxes import degrees
 from slamcu_server.aggregation.cells import Cell, regions_of
 from slamcu_server.aggregation.condensed import read
 from slamcu_server.aggregation.locks import (
@@ -30,9 +29,10 @@ from slamcu_server.aggregation.locks import (
 )
 from slamcu_server.aggregation.log import ClaimedMessage
 from slamcu_server.aggregation.lookups import Lookups, lookups, lookups_again
+from slamcu_server.aggregation.matching import match
 from slamcu_server.aggregation.passes import StoredPass
 from slamcu_server.aggregation.refold import Places, Touched, cells_of, refold
-from slamcu_server.aggregation.resolve import Resolved, match_feature, passes_of, resolve, within_budget
+from slamcu_server.aggregation.resolve import Resolved, passes_of, resolve, within_budget
 from slamcu_server.aggregation.store import new_ids, store_passes
 from slamcu_server.changes import feed
 from slamcu_server.retraction import marks
@@ -195,7 +195,8 @@ async def _store_others(
     """
     chosen = np.flatnonzero(~resolved.plain)
     ids = await new_ids(connection, len(chosen))
-    passes = await _match(connection, resolved, chosen, passes_of(resolved, chosen, ids), policy)
+    sequence = resolved.reported.of_messages(resolved.map_sequence, np.int64)[chosen].tolist()
+    passes = await match(connection, passes_of(resolved, chosen, ids), sequence, policy)
     about = resolved.feature_id.copy()
     about[chosen] = [item.feature_id or 0 for item in passes]
     require_cells(cells_of(await reads.anchors(connection, set(about[chosen].tolist()) - {0}), policy), held)
@@ -204,25 +205,6 @@ async def _store_others(
     out = await marks.mark(connection, ids.tolist()) if retractions else frozenset()
     kept = [item for item in passes if item.id not in out]
     return resolved, chosen[~np.isin(ids, sorted(out))], kept
-
-
-async def _match(
-    connection: AsyncConnection, resolved: Resolved, chosen: Indices, passes: Sequence[StoredPass], policy: Policy
-) -> list[StoredPass]:
-    """Tie passes that name nothing to the map features they must be about."""
-    made = list(passes)
-    unreferenced = [
-        (number, (item.map_id, *item.place[:2]))
-        for number, item in enumerate(passes)
-        if item.place and item.feature_id is None and item.watch_id is None
-    ]
-    nearby = await reads.features_near(connection, [place for _, place in unreferenced], degrees(policy.reach_m))
-    sequence = resolved.reported.of_messages(resolved.map_sequence, np.int64)[chosen].tolist()
-    for (number, _), near in zip(unreferenced, nearby, strict=True):
-        feature = match_feature(passes[number], sequence[number], near, policy)
-        if feature is not None:
-            made[number] = passes[number]._replace(feature_id=feature.id)
-    return made
 
 
 def _candidates(passes: Iterable[StoredPass], known: Lookups) -> tuple[Places, frozenset[int]]:

@@ -218,6 +218,19 @@ async def passes_over_candidates(connection: AsyncConnection, ids: Iterable[int]
     return by_candidate
 
 
+async def nameless_passes(connection: AsyncConnection, ids: Iterable[int]) -> list[tuple[StoredPass, int]]:
+    """Return those of some passes that count and name nothing, each with the map version that its vehicle knew."""
+    parameters = {"ids": sorted(set(ids))}
+    found = await connection.execute(
+        text(f"{_SELECT} WHERE p.id = ANY(CAST(:ids AS bigint[])) AND {_UNREFERENCED} ORDER BY p.id"), parameters
+    )
+    sequences = await connection.execute(
+        text("SELECT id, map_sequence FROM passes WHERE id = ANY(CAST(:ids AS bigint[]))"), parameters
+    )
+    known = {row.id: row.map_sequence for row in sequences}
+    return [(item, known[item.id]) for item in map(stored_pass, found.all())]
+
+
 async def candidates_founded_by(connection: AsyncConnection, pass_ids: Iterable[int]) -> dict[int, KnownCandidate]:
     """Return the candidates bound to passes, by founding pass."""
     found = await connection.execute(

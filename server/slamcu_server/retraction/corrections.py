@@ -19,7 +19,7 @@ from slamcu_server.aggregation.cells import Cell
 from slamcu_server.aggregation.locks import BeyondLockedCells, lock_cells, require_cells
 from slamcu_server.aggregation.refold import Touched, cells_of, refold
 from slamcu_server.changes import feed
-from slamcu_server.retraction import anchors, marks, repository
+from slamcu_server.retraction import anchors, marks, repository, returning
 from slamcu_server.retraction.repository import State, StoredRetraction
 from slamcu_server.trust.table import trusting
 
@@ -84,9 +84,11 @@ async def _correct_piece(connection: AsyncConnection, policy: Policy, piece: int
     # Another batch may have moved a watch report to the map feature that its candidate became while we waited.
     again = await _about(connection, listed.ids)
     require_cells(cells_of([*await reads.anchors(connection, again.features), *again.places], policy), held)
-    await marks.mark(connection, again.passes)
+    turned = await marks.mark(connection, again.passes)
+    tied = await returning.tie(connection, turned, policy)
+    require_cells(cells_of(await reads.anchors(connection, tied), policy), held)
     dissolved = await anchors.pass_on(connection, again.passes)
-    beliefs = await refold(connection, Touched(again.features, again.places), held, policy)
+    beliefs = await refold(connection, Touched(again.features | tied, again.places), held, policy)
     entries = await feed.publish(connection, replace(beliefs, dissolved=dissolved, corrected=True), policy)
     await connection.execute(
         text("DELETE FROM corrections WHERE id = ANY(CAST(:ids AS bigint[]))"), {"ids": list(listed.ids)}

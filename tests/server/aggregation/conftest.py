@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -19,9 +21,11 @@ from slamcu_core.geometry import LocalFrame
 from slamcu_core.hd_map import MapIdentity
 from slamcu_core.reports import DetectionStatus, Health, MapReference, MeasuredPosition, PassReport, ReportMessage
 from slamcu_core.sensoris import serialize_message
+from slamcu_server.aggregation import rebuild
 from slamcu_server.aggregation.condensed import condense
 from slamcu_server.aggregation.policy import remember_policy
 from slamcu_server.aggregation.worker import BATCH_SIZE, drain
+from slamcu_server.changes.rebase import Rebased, Survey, import_and_rebase
 from slamcu_server.ingest.message_log import LogEntry, PostgresMessageLog
 
 FULL = 3.0  # weight of a pass that leaves no doubt (λ = 0.95)
@@ -221,6 +225,27 @@ def find_missed(x: float, y: float, hours: float, weight: float = FULL) -> PassR
     )
 
 
+Sign = tuple[float, float] | tuple[float, float, str]  # metres east and north of the middle, and what it says
+
+
+def a_map(source: str, version: str, signs: Mapping[int, Sign]) -> str:
+    """A map as a provider writes it: speed limits, where signs say nothing else, by their ids."""
+    features = []
+    for number, (x, y, *sign) in signs.items():
+        where = place(x, y)
+        features.append(
+            {
+                "type": "Feature",
+                "id": number,
+                "geometry": {"type": "Point", "coordinates": [where.lon, where.lat]},
+                "properties": {"class": "traffic_sign", "sign": sign[0] if sign else "SPEED_LIMIT"},
+            }
+        )
+    return json.dumps(
+        {"type": "FeatureCollection", "map": {"source": source, "version": version}, "features": features}
+    )
+
+
 class Reports:
     """The makers of passes, for tests."""
 
@@ -232,6 +257,7 @@ class Reports:
     blocked = staticmethod(blocked)
     find = staticmethod(find)
     find_missed = staticmethod(find_missed)
+    a_map = staticmethod(a_map)
     KNOWN = KNOWN
 
 
@@ -270,3 +296,18 @@ async def town(engine: AsyncEngine, policy: Policy) -> Town:
     made = Town(engine, policy)
     await made.import_map()
     return made
+
+
+@pytest.fixture
+def imports(town: Town, tmp_path: Path) -> Callable[..., Awaitable[Rebased]]:
+    """`await imports("2026.06", {1: (0.0, 0.0)}, survey=None)`: the town's next version, and what became of changes."""
+
+    async def run(version: str, signs: Mapping[int, Sign], survey: Survey | None = None) -> Rebased:
+        path = tmp_path / f"{version}.geojson"
+        path.write_text(a_map(town.source, version, signs))
+        async with town.engine.begin() as connection:
+            _, rebased = await import_and_rebase(connection, town.policy, path, survey=survey)
+        assert await rebuild.differences(town.engine, town.policy) == []
+        return rebased
+
+    return run

@@ -18,37 +18,6 @@ from slamcu_server.changes.rebase import Rebased, Survey, import_and_rebase
 
 pytestmark = pytest.mark.anyio
 
-Sign = tuple[float, float] | tuple[float, float, str]  # metres east and north of the middle, and what it says
-
-
-@pytest.fixture
-def imports(town: Any, reports: Any, tmp_path: Path) -> Any:
-    async def run(version: str, signs: Mapping[int, Sign], survey: Survey | None = None) -> Rebased:
-        features = []
-        for number, (x, y, *sign) in signs.items():
-            where = reports.place(x, y)
-            features.append(
-                {
-                    "type": "Feature",
-                    "id": number,
-                    "geometry": {"type": "Point", "coordinates": [where.lon, where.lat]},
-                    "properties": {"class": "traffic_sign", "sign": sign[0] if sign else "SPEED_LIMIT"},
-                }
-            )
-        document = {
-            "type": "FeatureCollection",
-            "map": {"source": "town", "version": version},
-            "features": features,
-        }
-        path = tmp_path / f"{version}.geojson"
-        path.write_text(json.dumps(document))
-        async with town.engine.begin() as connection:
-            _, rebased = await import_and_rebase(connection, Policy(), path, survey=survey)
-        assert await rebuild.differences(town.engine, town.policy) == []
-        return rebased
-
-    return run
-
 
 async def deleted(town: Any, reports: Any, cars: int = 6) -> None:
     for number in range(cars):
