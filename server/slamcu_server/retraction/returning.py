@@ -1,8 +1,9 @@
 """What comes back after its retraction is undone is about what the map has taken in meanwhile.
 
-While passes were out, the map may have got the sign that they found, and a candidate may have become a map feature. What
-comes back is read as if it were reported now: a find that its vehicle's map did not have counts for the feature that is
-there now, and so does what named a watch feature. An id whose founding find is about a map feature is that feature's.
+While passes were out, the map may have got the sign that they found, and a candidate may have become a map feature.
+What comes back is read as if it were reported now: a find that its vehicle's map did not have counts for the feature
+that is there now, and so does what named a watch feature. An id whose founding find is about a map feature is that
+feature's.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from slamcu_server.database.statements import text
 
 _ABOUT = {"id": "bigint", "feature": "bigint"}
 _TIE = text(f"""
-    UPDATE passes p SET feature_id = r.feature, candidate_id = NULL FROM {unnest(_ABOUT)} WHERE p.id = r.id""")
+    UPDATE passes p SET feature_id = r.feature, candidate_id = NULL FROM {unnest(_ABOUT)} WHERE p.id = r.id""")  # noqa: S608  (constants)
 _BIND = text(f"""
     UPDATE candidates c SET feature_id = r.feature, merged_into = NULL, pair_feature_id = NULL, pair_kind = NULL
-    FROM {unnest(_ABOUT)} WHERE c.founding_pass = r.id AND c.feature_id IS NULL RETURNING c.id""")
+    FROM {unnest(_ABOUT)} WHERE c.founding_pass = r.id AND c.feature_id IS NULL RETURNING c.id""")  # noqa: S608  (constants)
 # also what was reported about an id while nothing stood behind it
 _FOLLOW = text("""
     UPDATE passes p SET feature_id = root.feature_id, candidate_id = NULL

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
-from slamcu_core.aggregation import Policy
 from slamcu_core.errors import SlamcuError
-from slamcu_server.aggregation import rebuild
-from slamcu_server.changes.rebase import Rebased, Survey, import_and_rebase
+from slamcu_server.changes.rebase import Rebased, Survey
 
 pytestmark = pytest.mark.anyio
 

@@ -60,7 +60,7 @@ async def found(town: Any, reports: Any, *cars: str, fleet: str, hours: float = 
 
 
 async def test_what_the_map_took_in_meanwhile_is_not_found_again(
-    town: Any, reports: Any, imports: Any, retract: Any, client: httpx.AsyncClient, provider: dict[str, str]
+    *, town: Any, reports: Any, imports: Any, retract: Any, client: httpx.AsyncClient, provider: dict[str, str]
 ) -> None:
     await found(town, reports, "a", "b", "c", fleet="vans")
     [candidate] = await town.candidates()
