@@ -5,7 +5,7 @@ FROM ${BASE}
 RUN apt-get update \
  && apt-get install -y --no-install-recommends haproxy \
  && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/*
-COPY containers/haproxy.cfg containers/503.http /etc/haproxy/
+COPY containers/haproxy.cfg containers/404.http containers/503.http /etc/haproxy/
 ARG VERSION=unknown
 ARG REVISION=unknown
 LABEL org.opencontainers.image.title="slamcu proxy" \

@@ -177,6 +177,8 @@ def _deliver(uploader: Uploader, outbox: Outbox, wait_s: float) -> int:
     )
     if result.remaining and uploader.health.failing:
         _say(f"the newest attempt failed: {uploader.health.last_failure}")
+        if uploader.health.strangers:
+            _say("a hotspot or a proxy stands in the way, or this is not the server's address")
     for message in outbox.rejected(limit=min(result.rejected, 5)) if result.rejected else ():
         _say(
             f"rejected: message {message.key.message_id} of {message.key.session_id}: {message.reason} {message.detail}"

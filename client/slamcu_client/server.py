@@ -129,10 +129,11 @@ def _problem(response: Response) -> dict[str, Any]:
 
 
 def describe(response: Response) -> str:
-    """Say in one line what the server objects to."""
+    """Say in one line who answered, and what that objects to."""
     document = _problem(response)
     text = one_line(": ".join(part for name in ("title", "detail") if isinstance(part := document.get(name), str)))
-    return f"the server answered {response.status}" + (f", {text}" if text else "")
+    who = "the server" if is_own_problem(response) else "something that is no slamcu server"
+    return f"{who} answered {response.status}" + (f", {text}" if text else "")
 
 
 def refuse_unauthorized(request: Request, response: Response) -> None:

@@ -17,21 +17,25 @@ class UploadHealth:
     refused: bool = False  # and will not be repeated: the server itself refuses the vehicle or the request
     failures: int = 0  # attempts that failed, in all
     unexpected: int = 0  # of them, those that nobody foresaw; the log has their tracebacks
+    strangers: int = 0  # answers in a row that no slamcu server gave: of a hotspot, or the address is wrong
     last_failure: str = ""  # what happened, in one line for people; kept when a later attempt succeeds
     last_failure_at: datetime | None = None
 
     def after_success(self) -> Self:
         """Return the health after an attempt that was answered as hoped."""
-        return replace(self, failing=False, refused=False)
+        return replace(self, failing=False, refused=False, strangers=0)
 
-    def after_failure(self, what: str, *, refused: bool = False, unexpected: bool = False) -> Self:
-        """Return the health after an attempt that failed."""
+    def after_failure(
+        self, what: str, *, refused: bool = False, unexpected: bool = False, own: bool | None = None
+    ) -> Self:
+        """Return the health after an attempt that failed; `own`: a slamcu server answered it (None: nobody did)."""
         return replace(
             self,
             failing=True,
             refused=refused,
             failures=self.failures + 1,
             unexpected=self.unexpected + unexpected,
+            strangers=self.strangers if own is None else 0 if own else self.strangers + 1,
             last_failure=one_line(what),
             last_failure_at=datetime.now(UTC),
         )

@@ -26,6 +26,7 @@ _PATH = "/v1/data-messages"
 # what a server that trips over one message says, or a proxy that dislikes one, or their number
 _OVER_CONTENT = frozenset({400, 403, 413, 422, 500})
 _DISK_RETRY_S = 1.0  # as the reporter has it
+_STRANGERS_WARNED_OF = 5  # answers in a row: half a minute, by when a hotspot is left behind
 _log = logging.getLogger(__name__)
 
 
@@ -266,7 +267,10 @@ class Uploader:
         decision = self._decide(Failure(status=response.status, retry_after=retry_after, own=own))
         if not decision.retriable:
             raise unexpected(request, response)
-        self._health = self._health.after_failure(describe(response))
+        self._health = self._health.after_failure(describe(response), own=own)
+        if not own and self._health.strangers == _STRANGERS_WARNED_OF:
+            question = "%d answers in a row came from no slamcu server: is %s its address? (%s)"
+            _log.warning(question, _STRANGERS_WARNED_OF, self._server.url, describe(response))
         return decision.wait_s
 
     def _isolate(self, batch: list[OutboxMessage]) -> None:

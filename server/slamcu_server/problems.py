@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Mapping
 from http import HTTPStatus
 from typing import Any
@@ -22,6 +23,7 @@ logger = logging.getLogger(__name__)
 
 MEDIA_TYPE = "application/problem+json"
 _BUSY = {"40001", "40P01", "53300", "55P03", "57014", "57P01", "57P02", "57P03"}  # SQLSTATEs that a repeat may cure
+_BARE = {404: "there is nothing at this path; those of the API begin with /v1/", 405: "not with this method"}
 _BAD_VALUE = ("22", "54")  # classes of SQLSTATEs: data exceptions, limits exceeded
 
 
@@ -37,7 +39,7 @@ class ProblemDocument(BaseModel):
 
     model_config = ConfigDict(extra="allow")
 
-    type: str = Field(description="`about:blank`, or a URN that names the kind of problem for machines.")
+    type: str = Field(description="A URN, `urn:slamcu:problem:<code>`, that names the kind of problem for machines.")
     title: str
     status: int
     detail: str | None = None
@@ -71,13 +73,17 @@ def problem_response(
     headers: Mapping[str, str] | None = None,
     members: Mapping[str, Any] | None = None,
 ) -> JSONResponse:
-    """Make the response that carries a problem document."""
+    """Make the response that carries a problem document; without a `code` the status gives it, as ``not-found``."""
     phrase = HTTPStatus(status).phrase
+    # never about:blank: by its type a vehicle tells this server's word from a hotspot's
+    kind = code or re.sub(r"[^a-z]+", "-", phrase.lower())
+    if not detail or detail == phrase:
+        detail = _BARE.get(status)
     document = {
-        "type": f"urn:slamcu:problem:{code}" if code else "about:blank",
-        "title": code.replace("-", " ").capitalize() if code else phrase,
+        "type": f"urn:slamcu:problem:{kind}",
+        "title": kind.replace("-", " ").capitalize(),
         "status": status,
-        **({"detail": detail} if detail and detail != phrase else {}),
+        **({"detail": detail} if detail else {}),
         **(members or {}),
     }
     return JSONResponse(document, status, headers=dict(headers) if headers else None, media_type=MEDIA_TYPE)

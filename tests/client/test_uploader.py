@@ -282,7 +282,25 @@ def test_what_a_middleman_says_neither_rejects_a_message_nor_ends_the_upload(
     assert (result.accepted, result.rejected, result.remaining) == (10, 0, 0)
     assert fake.stored == sent
     assert uploader.health.failures == len(faults.middleman(status))
-    assert f"answered {status}" in uploader.health.last_failure
+    assert f"no slamcu server answered {status}" in uploader.health.last_failure
+    assert uploader.health.strangers == 0, "what came last came from the server"
+
+
+def test_who_hears_only_strangers_is_told_loudly_and_once(fake, faults, outbox, uploader, caplog) -> None:
+    """A wrong address that somebody else answers looks like a hotspot that never goes away."""
+    fill(outbox, 3)
+    fake.faults.extend([faults.say(faults.problem(503))] * 2)
+    fake.faults.extend([faults.hang_up, *(faults.say(answer) for answer in faults.middleman(404) * 2)])
+    for heard in (0, 0, 0, *range(1, 13)):
+        assert uploader._step() > 0.0
+        assert uploader.health.strangers == heard
+    (warning,) = [record.getMessage() for record in caplog.records if record.levelname == "WARNING"]
+    assert warning == (
+        f"5 answers in a row came from no slamcu server: is {fake.url} its address? "
+        "(something that is no slamcu server answered 404)"
+    )
+    assert uploader.flush(30.0).accepted == 3
+    assert uploader.health.strangers == 0
 
 
 def test_a_middleman_is_not_asked_in_a_hurry(fake, faults, outbox, server) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.client
+import json
 import re
 import shutil
 import subprocess
@@ -17,6 +18,8 @@ from urllib.parse import unquote
 
 import pytest
 
+from slamcu_client import Server
+from slamcu_client.server import is_own_problem
 from slamcu_eval.scenario.ports import free_port
 
 ROOT = Path(__file__).parents[2]
@@ -75,8 +78,9 @@ def proxy(tmp_path: Path) -> Iterator[int]:
         text = re.sub(r"^resolvers docker\n(    .*\n)+", "", text, flags=re.MULTILINE)
         text = text.replace("api-1:8000", f"127.0.0.1:{replica.server_port}")
         text = re.sub(r"^    server api-2 .*\n", "", text, flags=re.MULTILINE)
-        text = text.replace("/etc/haproxy/503.http", str(tmp_path / "503.http"))
-        shutil.copy(ROOT / "containers" / "503.http", tmp_path)
+        text = text.replace("/etc/haproxy/", f"{tmp_path}/")
+        for page in (ROOT / "containers").glob("*.http"):
+            shutil.copy(page, tmp_path)
         tmp_path.chmod(0o755)
         configuration = tmp_path / "haproxy.cfg"
         configuration.write_text(text, encoding="utf-8")
@@ -117,6 +121,25 @@ def test_the_api_and_its_documentation_are_let_in(proxy: int) -> None:
     for path in ("/v1/maps", "/v1/maps/a%20town/features?bbox=1,2,3,4", *documentation, "/livez"):
         assert _ask(proxy, "GET", path) == 200, path
     assert _Replica.asked == ["/v1/maps", "/v1/maps/a town/features?bbox=1,2,3,4", *documentation]
+
+
+def test_what_it_answers_itself_is_the_word_of_a_slamcu_server(proxy: int) -> None:
+    """A car with a wrong path in its address stops, where it would have waited for a hotspot to go away."""
+    with Server(f"http://127.0.0.1:{proxy}/prefix", "key") as server:
+        _, response = server.exchange("POST", "/v1/data-messages")
+    assert response.status == 404
+    assert is_own_problem(response)
+    assert _Replica.asked == []
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "containers").glob("*.http")), ids=lambda page: page.stem)
+def test_its_pages_are_problem_documents(page: Path) -> None:
+    head, body = page.read_text(encoding="utf-8").split("\n\n", 1)
+    problem = json.loads(body)
+    assert head.startswith(f"HTTP/1.0 {page.stem} ")
+    assert "Content-Type: application/problem+json" in head.splitlines()
+    assert problem["status"] == int(page.stem)
+    assert problem["type"].startswith("urn:slamcu:problem:")
 
 
 @pytest.mark.parametrize(

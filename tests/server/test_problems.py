@@ -29,7 +29,7 @@ def problem_of(answer: httpx.Response) -> dict[str, Any]:
     assert answer.headers["content-type"] == "application/problem+json"
     problem: dict[str, Any] = answer.json()
     assert problem["status"] == answer.status_code
-    assert problem["type"] == "about:blank" or problem["type"].startswith("urn:slamcu:problem:")
+    assert re.fullmatch("urn:slamcu:problem:[a-z]+(-[a-z]+)*", problem["type"])
     assert problem["title"]
     return problem
 
@@ -37,11 +37,12 @@ def problem_of(answer: httpx.Response) -> dict[str, Any]:
 async def test_an_unknown_route_is_404_and_a_wrong_method_405(client: httpx.AsyncClient) -> None:
     for path in ("/nowhere", "/v1", "/v1/", "/v1/maps/", "//", "/%00", "/v1/data-messages/"):
         answer = await client.get(path)
-        assert (answer.status_code, problem_of(answer)["title"]) == (404, "Not Found"), path
+        assert (answer.status_code, problem_of(answer)["type"]) == (404, "urn:slamcu:problem:not-found"), path
+        assert "/v1/" in problem_of(answer)["detail"]
     answer = await client.delete("/v1/maps")
     assert answer.status_code == 405
     assert "GET" in answer.headers["allow"]
-    problem_of(answer)
+    assert problem_of(answer)["type"] == "urn:slamcu:problem:method-not-allowed"
 
 
 async def test_an_unexpected_error_shows_nothing_and_is_logged(
