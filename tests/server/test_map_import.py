@@ -184,3 +184,27 @@ def test_the_command(command: Command, tmp_path: Path) -> None:
     missing = command("import-map", str(tmp_path / "nowhere.geojson"))
     assert (missing.returncode, missing.stderr.count("\n")) == (1, 1)
     assert "nowhere.geojson" in missing.stderr
+
+
+SIGN_WAY = "<way id='{}'><nd ref='1'/><nd ref='2'/><tag k='type' v='traffic_sign'/><tag k='subtype' v='{}'/></way>"
+
+
+def test_a_lanelet2_map_is_imported_by_name_or_by_option(command: Command, tmp_path: Path) -> None:
+    nodes = "<node id='1' lat='49.0' lon='8.4'/><node id='2' lat='49.0' lon='8.40001'/>"
+    path = tmp_path / "town.osm"
+    path.write_text(f"<osm>{nodes}{SIGN_WAY.format(44, 'de205')}{SIGN_WAY.format(45, 'de999')}</osm>")
+    unnamed = command("import-map", str(path))
+    assert (unnamed.returncode, unnamed.stderr.count("\n")) == (1, 1)
+    assert "a map needs a name and a version" in unnamed.stderr
+    done = command("import-map", str(path), "--source", "town", "--version", "1")
+    assert done.returncode == 0, done.stderr
+    assert "2 features; 2 added" in done.stderr
+    assert "without a known type, to be matched by class alone: de999 (1)" in done.stderr
+
+    other = path.rename(tmp_path / "town.xml")
+    again = command("import-map", str(other), "--source", "town", "--version", "1", "--format", "lanelet2")
+    assert "nothing to do" in again.stderr, again.stderr
+    other.write_text(f"<osm>{nodes}{SIGN_WAY.format(44, 'de205')}")
+    half = command("import-map", str(other), "--source", "town", "--version", "2", "--format", "lanelet2")
+    assert (half.returncode, half.stderr.count("\n")) == (1, 1)
+    assert "town.xml, line 1: expected OSM XML" in half.stderr

@@ -29,6 +29,7 @@ from slamcu_server.changes.belief import OPEN, Kind, State
 from slamcu_server.changes.document import timestamp
 from slamcu_server.maps.bbox import BoundingBox
 from slamcu_server.maps.importer import ImportedMap, import_map
+from slamcu_server.maps.map_file import MapFormat
 from slamcu_server.problems import Problem
 from slamcu_server.retraction import marks
 from slamcu_server.trust.table import trusting
@@ -92,6 +93,7 @@ async def import_and_rebase(
     path: Path,
     *,
     identity: MapIdentity | None = None,
+    map_format: MapFormat | None = None,
     survey: Survey | None = None,
 ) -> tuple[ImportedMap, Rebased]:
     """Import a map and settle what was open about it, in the transaction of `connection`; raises as `import_map`.
@@ -99,7 +101,7 @@ async def import_and_rebase(
     The import holds the whole map, so that no report is fused and no review decided meanwhile.
     """
     await marks.hold(connection)
-    imported = await import_map(connection, path, identity=identity)
+    imported = await import_map(connection, path, identity=identity, map_format=map_format)
     if imported.unchanged:
         return imported, Rebased()
     await remember_policy(connection, policy)

@@ -10,6 +10,7 @@ import typer
 
 from slamcu_core.hd_map import MapIdentity
 from slamcu_server.commands.common import DataDir, in_transaction, say
+from slamcu_server.maps.map_file import MapFormat
 from slamcu_server.settings import Settings
 
 
@@ -20,9 +21,12 @@ def register(app: typer.Typer) -> None:
 
 def import_map(
     *,
-    path: Annotated[Path, typer.Argument(metavar="FILE", help="An HD map in GeoJSON.")],
+    path: Annotated[Path, typer.Argument(metavar="FILE", help="An HD map: GeoJSON, or Lanelet2 (.osm).")],
     source: Annotated[str, typer.Option(help="The map's name, where the file does not say or says another.")] = "",
     version: Annotated[str, typer.Option(help="Its version, likewise.")] = "",
+    map_format: Annotated[
+        MapFormat | None, typer.Option("--format", help="What the file is written in, where its name does not say.")
+    ] = None,
     surveyed_at: Annotated[
         datetime | None,
         typer.Option(
@@ -35,7 +39,10 @@ def import_map(
     ] = None,
     data_dir: DataDir = None,
 ) -> None:
-    """Make a GeoJSON file the first, or the next, version of the map that it names; all of it or nothing.
+    """Make a file the first, or the next, version of the map that it names; all of it or nothing.
+
+    Of a Lanelet2 map, which names none (give --source and --version), traffic signs and traffic lights are taken; the
+    id of a feature is that of its way.
 
     Features keep their identity through their ids: one that the map had before stays the same feature, with what
     vehicles reported about it as long as it is the same thing at the same place; one that is missing is no longer part
@@ -49,9 +56,14 @@ def import_map(
     policy = load_policy(Settings.load(data_dir=data_dir).policy_file)
     done, rebased = in_transaction(
         data_dir,
-        lambda connection: rebase.import_and_rebase(connection, policy, path, identity=identity, survey=survey),
+        lambda connection: rebase.import_and_rebase(
+            connection, policy, path, identity=identity, map_format=map_format, survey=survey
+        ),
     )
     name = f"map {done.identity.source} version {done.identity.version}"
+    if done.unknown_signs:
+        numbers = ", ".join(f"{code or 'none'} ({count})" for code, count in sorted(done.unknown_signs.items()))
+        say(f"signs without a known type, to be matched by class alone: {numbers}")
     if done.unchanged:
         say(f"{name} is here already, with the same {done.features} features: nothing to do")
         return

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,10 @@ from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.errors import FormatError, SlamcuError
-from slamcu_core.formats import read_hd_map
+from slamcu_core.formats import Lanelet2Reader
 from slamcu_core.hd_map import MapFeature, MapIdentity
 from slamcu_server.aggregation.cells import map_key
+from slamcu_server.maps.map_file import MapFormat
 
 _OBJECT_ID_MAX = 2**63 - 2  # leaves a next one
 _TEXT_MAX = 200
@@ -54,20 +55,32 @@ class ImportedMap:
     removed: int
     unchanged: bool = False  # this version was here already, with this content: nothing was done
     map_id: int = 0
+    unknown_signs: Mapping[str, int] = field(default_factory=dict)  # national numbers without a sign type, how often
 
 
-async def import_map(connection: AsyncConnection, path: Path, *, identity: MapIdentity | None = None) -> ImportedMap:
-    """Import the GeoJSON file at `path` within the transaction of `connection`.
+async def import_map(
+    connection: AsyncConnection,
+    path: Path,
+    *,
+    identity: MapIdentity | None = None,
+    map_format: MapFormat | None = None,
+) -> ImportedMap:
+    """Import the file at `path` within the transaction of `connection`.
 
     Object ids that the map had before stand for the same features; ids that are missing are no longer part of the
-    map. Parameters `identity` : source and version, where not empty in place of the file's.
+    map.
+
+    Parameters
+    ----------
+    identity : source and version, where not empty in place of the file's.
+    map_format : what the file is written in; by default what its name stands for.
 
     Raises FormatError naming the file, line and field that is wrong, and MapImportError if the version is here with
     another content; the transaction must then be rolled back.
     """
     await connection.execute(text(_STAGE))
     given = identity or MapIdentity()
-    found, count = await _stage(connection, path)
+    found, count, unknown = await _stage(connection, path, map_format or MapFormat.of(path))
     identity = _checked(MapIdentity(given.source or found.source, given.version or found.version), str(path))
     await connection.execute(text("CREATE UNIQUE INDEX ON staged_features (object_id)"))
     await connection.execute(text("ANALYZE staged_features"))
@@ -78,23 +91,26 @@ async def import_map(connection: AsyncConnection, path: Path, *, identity: MapId
                 f"{path}: version {identity.version!r} of map {identity.source!r} is here with another content; "
                 "a changed map needs another version"
             )
-        return ImportedMap(identity, earlier, count, 0, 0, 0, unchanged=True, map_id=map_id)
+        return ImportedMap(identity, earlier, count, 0, 0, 0, unchanged=True, map_id=map_id, unknown_signs=unknown)
     sequence = current + 1
     removed, changed, added = await _write(connection, map_id, sequence, identity.version)
-    return ImportedMap(identity, sequence, count, added, changed, removed, map_id=map_id)
+    return ImportedMap(identity, sequence, count, added, changed, removed, map_id=map_id, unknown_signs=unknown)
 
 
-async def _stage(connection: AsyncConnection, path: Path) -> tuple[MapIdentity, int]:
-    """Copy the file's features into the staging table; return the file's identity and how many features it has."""
+async def _stage(
+    connection: AsyncConnection, path: Path, map_format: MapFormat
+) -> tuple[MapIdentity, int, Mapping[str, int]]:
+    """Copy the file's features into the staging table; return its identity, how many, and which signs are unknown."""
     raw = await connection.get_raw_connection()
     assert raw.driver_connection is not None  # noqa: S101  (it is checked out)
     try:
         with path.open("rb") as file:
-            reader = read_hd_map(iter(lambda: file.read(65_536), b""), source=str(path))
+            reader = map_format.reader(iter(lambda: file.read(65_536), b""), str(path))
             status = await raw.driver_connection.copy_records_to_table(
                 "staged_features", records=_records(reader, str(path)), columns=_COLUMNS
             )
-            return reader.identity, int(status.rpartition(" ")[2])
+            unknown = reader.unknown_signs if isinstance(reader, Lanelet2Reader) else {}
+            return reader.identity, int(status.rpartition(" ")[2]), unknown
     except OSError as error:
         raise MapImportError(f"cannot read {path}: {error.strerror or error}") from error
 
@@ -126,7 +142,7 @@ def _records(features: Iterable[MapFeature], source: str) -> Iterator[tuple[Any,
 
 def _checked(identity: MapIdentity, source: str) -> MapIdentity:
     if not identity.source or not identity.version:
-        message = 'a map needs a name and a version: {"map": {"source": "…", "version": "…"}} (or use the options)'
+        message = 'a map needs a name and a version: {"map": {"source": "…", "version": "…"}} or --source and --version'
         raise FormatError(message, source=source, field="map")
     if not _SOURCE.fullmatch(identity.source):
         message = "expected letters, digits and . : @ + ~ - _ and spaces, beginning with a letter or digit, at most 200"
