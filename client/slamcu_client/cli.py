@@ -171,7 +171,8 @@ def _parser() -> argparse.ArgumentParser:
         "--bbox",
         type=_bbox,
         metavar="W,S,E,N",
-        help="only this part, in degrees; write --bbox=-3.5,40.1,-3.4,40.2 if it begins with a minus",
+        help="only this part, in degrees; west greater than east crosses the antimeridian; write "
+        "--bbox=-3.5,40.1,-3.4,40.2 if it begins with a minus",
     )
     fetch.set_defaults(run=_fetch_map)
 
@@ -261,6 +262,6 @@ def _bbox(text: str) -> tuple[float, float, float, float]:
         west, south, east, north = (float(part) for part in text.split(","))
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not four numbers with commas between them") from None
-    if not (-180.0 <= west < east <= 180.0 and -90.0 <= south < north <= 90.0):
-        raise argparse.ArgumentTypeError("expected west < east within [-180, 180] and south < north within [-90, 90]")
+    if not (-180.0 <= west <= 180.0 and -180.0 <= east <= 180.0 and -90.0 <= south <= north <= 90.0):
+        raise argparse.ArgumentTypeError("expected west and east in [-180, 180], and south <= north in [-90, 90]")
     return west, south, east, north

@@ -64,7 +64,8 @@ class MapCache:
     path : the file.
     server : where the map comes from.
     name : the map's name on the server.
-    bbox : west, south, east, north in degrees; None: the whole map.
+    bbox : west, south, east, north in degrees, a west greater than the east crosses the antimeridian; None: the whole
+        map.
     """
 
     def __init__(

@@ -13,7 +13,7 @@ from slamcu_client.server import Server, refuse_unauthorized, unexpected
 from slamcu_client.transport import Request, Response
 
 BoundingBox = tuple[float, float, float, float]
-"""West, south, east, north in degrees."""
+"""West, south, east, north in degrees; a west greater than the east crosses the antimeridian (RFC 7946, 5.2)."""
 
 _ATTEMPTS = 3
 _MAX_PAGES = 2_000

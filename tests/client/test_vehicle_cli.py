@@ -16,6 +16,7 @@ import pytest
 from slamcu_client import Outbox
 from slamcu_client.cli import main
 from slamcu_core.formats import read_results, write_drive_log, write_hd_map
+from slamcu_core.hd_map import MapFeature, MapIdentity
 from slamcu_core.sensoris import decode_message
 
 
@@ -239,6 +240,22 @@ def test_a_map_by_name_is_fetched(folder: Path, vehicle, fake, faults, key) -> N
     assert "the server answered 503, Nothing doing: this is the copy of" in err
 
 
+def test_a_box_may_cross_the_antimeridian(folder: Path, vehicle, fake, faults, key) -> None:
+    sides = [MapFeature(1, 179.99, -16.8), MapFeature(2, -179.99, -16.8)]
+    document = json.loads("".join(write_hd_map(MapIdentity("fiji", "1"), sides))) | {"next": None}
+    asked: list[str] = []
+
+    def page(query: dict[str, str], _headers: object) -> object:
+        asked.append(query["bbox"])
+        return faults.Answer(200, document, {"ETag": '"1"'})
+
+    fake.pages = page
+    command = ("fetch-map", "--server", fake.url, "--map", "fiji", "--out", "fiji.geojson")
+    code, out, err = vehicle(*command, "--bbox=179.9,-17,-179.9,-16.5")
+    assert (code, out, err) == (0, "fiji.geojson: fiji 1, 2 features and 0 to watch\n", "")
+    assert asked == ["179.9000000,-17.0000000,-179.9000000,-16.5000000"]
+
+
 def test_a_car_without_a_map_asks_again_as_long_as_it_waits(folder: Path, vehicle, fake, faults, monkeypatch) -> None:
     document = json.loads(Path("map.geojson").read_text()) | {"next": None}
     answers = [faults.problem(503), faults.problem(503), faults.Answer(200, document, {"ETag": '"1"'})]
@@ -326,7 +343,9 @@ def test_what_the_user_must_mend_is_told_in_one_line(folder: Path, vehicle, argu
         ((*LOCAL, "--seed", "-1"), "whole number"),
         ((*LOCAL, "--wait", "nan"), "seconds"),
         (("fetch-map", "--server", "http://x", "--map", "m", "--out", "o", "--bbox", "1,2,3"), "four numbers"),
-        (("fetch-map", "--server", "http://x", "--map", "m", "--out", "o", "--bbox=3,2,1,4"), "west < east"),
+        (("fetch-map", "--server", "http://x", "--map", "m", "--out", "o", "--bbox=1,4,3,2"), "south <= north"),
+        (("fetch-map", "--server", "http://x", "--map", "m", "--out", "o", "--bbox=1,2,181,4"), "[-180, 180]"),
+        (("fetch-map", "--server", "http://x", "--map", "m", "--out", "o", "--bbox=nan,2,3,4"), "[-180, 180]"),
     ],
 )
 def test_wrong_usage_is_explained(folder: Path, capfd, arguments, message: str) -> None:

@@ -205,6 +205,35 @@ async def test_a_box_selects(client: httpx.AsyncClient, provider: dict[str, str]
     assert await within("10,10,11,11") == []
 
 
+@pytest.mark.parametrize(
+    ("longitudes", "west", "east"),
+    [
+        ((179.9, -179.8), 179.9, -179.8),
+        ((177.0, 180.0), 177.0, 180.0),
+        ((-180.0, -179.0), -180.0, -179.0),
+        ((-1.0, 2.0), -1.0, 2.0),
+        ((-170.0, 20.0, 170.0), 20.0, -170.0),
+        ((5.0,), 5.0, 5.0),
+    ],
+)
+async def test_the_box_of_a_map_can_be_asked_for(  # noqa: PLR0917
+    client: httpx.AsyncClient,
+    provider: dict[str, str],
+    put_map: Import,
+    longitudes: tuple[float, ...],
+    west: float,
+    east: float,
+) -> None:
+    """Of a map on both sides of the antimeridian it is not all that is between them the other way round."""
+    await put_map("fiji", "1", [MapFeature(number, lon, -16.8) for number, lon in enumerate(longitudes, start=1)])
+    [told] = (await client.get("/v1/maps", headers=provider)).json()["maps"]
+    assert told["bbox"] == pytest.approx([west, -16.8, east, -16.8])
+    box = ",".join(map(str, told["bbox"]))
+    for url in ("/v1/maps/fiji/features", "/v1/features?map=fiji"):
+        answer = await client.get(url, params={"bbox": box, "map": "fiji"}, headers=provider)
+        assert len(answer.json()["features"]) == len(longitudes), url
+
+
 async def test_neither_a_small_box_nor_a_late_page_reads_the_whole_map(engine: AsyncEngine, put_map: Import) -> None:
     await put_map("town", "1", [])
     async with engine.begin() as connection:

@@ -16,7 +16,7 @@ from slamcu_server.changes.belief import Kind, State
 from slamcu_server.changes.repository import FeedQuery
 from slamcu_server.changes.schemas import Change, ExplainedChange, FeedPage, ReviewRequest
 from slamcu_server.database.transactions import EngineDependency, ReadTransaction
-from slamcu_server.maps.bbox import BoundingBox
+from slamcu_server.maps.bbox import BoundingBox, box_query
 from slamcu_server.problems import responses
 
 router = APIRouter(prefix="/v1/changes", tags=["changes"], responses=responses(401, 403))
@@ -32,14 +32,7 @@ async def get_changes(
     _: Provider,
     connection: ReadTransaction,
     after: Annotated[int, Query(ge=0, le=_ID_MAX, description="Entries that follow this sequence number.")] = 0,
-    bbox: Annotated[
-        str | None,
-        Query(
-            description="west,south,east,north in degrees; west greater than east crosses the antimeridian.",
-            examples=["2.0,48.8,2.3,49.0"],
-            max_length=200,
-        ),
-    ] = None,
+    bbox: Annotated[str | None, box_query()] = None,
     kind: Annotated[
         list[Kind],
         Query(description="Of these kinds only; may be repeated. A change may come to be of another kind."),

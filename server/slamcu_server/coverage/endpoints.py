@@ -14,7 +14,7 @@ from slamcu_server.coverage import service
 from slamcu_server.coverage.repository import CoverageQuery
 from slamcu_server.coverage.schemas import Coverage
 from slamcu_server.database.transactions import ReadTransaction
-from slamcu_server.maps.bbox import BoundingBox
+from slamcu_server.maps.bbox import BoundingBox, box_query
 from slamcu_server.problems import responses
 
 router = APIRouter(prefix="/v1/coverage", tags=["coverage"], responses=responses(401, 403))
@@ -29,15 +29,7 @@ async def get_coverage(
     _: Provider,
     connection: ReadTransaction,
     map_source: Annotated[str, Query(alias="map", description="The map's name.", max_length=200)],
-    bbox: Annotated[
-        str,
-        Query(
-            description="west,south,east,north in degrees; west greater than east crosses the antimeridian. "
-            f"At most {TILES_MAX} tiles.",
-            examples=["2.0,48.8,2.3,49.0"],
-            max_length=200,
-        ),
-    ],
+    bbox: Annotated[str, box_query(f"At most {TILES_MAX} tiles.")],
     zoom: Annotated[int, Query(ge=0, le=20, description="Of the web-mercator tiles.")] = 14,
     since: Annotated[
         AwareDatetime | None,

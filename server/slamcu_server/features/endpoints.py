@@ -13,7 +13,7 @@ from slamcu_server.database.transactions import ReadTransaction
 from slamcu_server.features import service
 from slamcu_server.features.repository import LookQuery
 from slamcu_server.features.schemas import Feature, LookPage
-from slamcu_server.maps.bbox import BoundingBox
+from slamcu_server.maps.bbox import BoundingBox, box_query
 from slamcu_server.problems import responses
 
 router = APIRouter(prefix="/v1", tags=["features"], responses=responses(401, 403))
@@ -28,10 +28,7 @@ async def get_features(
     _: Provider,
     connection: ReadTransaction,
     map_source: Annotated[str, Query(alias="map", description="The map's name.", max_length=200)],
-    bbox: Annotated[
-        str | None,
-        Query(description="west,south,east,north in degrees.", examples=["2.0,48.8,2.3,49.0"], max_length=200),
-    ] = None,
+    bbox: Annotated[str | None, box_query()] = None,
     not_looked_since: Annotated[
         AwareDatetime | None, Query(description="Only those that nobody has looked at since then.")
     ] = None,

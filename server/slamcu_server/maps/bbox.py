@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
+from fastapi import Query
 from sqlalchemy import ColumnElement, Float, and_, func, literal, or_
 
 from slamcu_server.problems import Problem
 
 _HELP = "expected west,south,east,north in degrees, such as 2.0,48.8,2.3,49.0"
+
+
+def box_query(more: str = "") -> Any:
+    """Describe a query parameter that `BoundingBox.parse` reads, as `Annotated[str, box_query()]`."""
+    description = f"west,south,east,north in degrees; west greater than east crosses the antimeridian. {more}"
+    return Query(description=description.strip(), examples=["2.0,48.8,2.3,49.0"], max_length=200)
 
 
 @dataclass(frozen=True, slots=True)

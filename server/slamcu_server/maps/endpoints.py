@@ -11,6 +11,7 @@ from slamcu_server.accounts.authentication import MapReader
 from slamcu_server.accounts.schemas import Role
 from slamcu_server.database.transactions import ReadTransaction
 from slamcu_server.maps import repository, service
+from slamcu_server.maps.bbox import box_query
 from slamcu_server.maps.schemas import FeaturePage, MapList, MapSummary, MapVersion, MapVersionPage
 from slamcu_server.problems import responses
 
@@ -74,15 +75,7 @@ async def get_features(
     reader: MapReader,
     connection: ReadTransaction,
     source: MapName,
-    bbox: Annotated[
-        str | None,
-        Query(
-            description="west,south,east,north in degrees; west greater than east crosses the antimeridian. "
-            "Without it, the whole map.",
-            examples=["2.0,48.8,2.3,49.0"],
-            max_length=200,
-        ),
-    ] = None,
+    bbox: Annotated[str | None, box_query("Without it, the whole map.")] = None,
     version: Annotated[str | None, Query(description="Without it, the current one.", max_length=200)] = None,
     limit: Annotated[int, Query(ge=1, le=10_000, description="Features in a page.")] = 1000,
     after: Annotated[str | None, Query(description="From the `next` link of the page before.", max_length=40)] = None,

@@ -12,15 +12,24 @@ from slamcu_server.maps.bbox import BoundingBox
 
 
 async def list_maps(connection: AsyncConnection) -> list[Row[Any]]:
-    """Return every map with its current version and what that holds, by name."""
+    """Return every map with its current version and what that holds, by name.
+
+    The box of a map on both sides of the antimeridian is the narrower of the two that hold it: its west may be greater
+    than its east.
+    """
     query = text("""
-        SELECT source, version, sequence, count AS features, ST_XMin(box) AS west, ST_YMin(box) AS south,
-            ST_XMax(box) AS east, ST_YMax(box) AS north
+        SELECT source, version, sequence, count AS features, ST_YMin(box) AS south, ST_YMax(box) AS north,
+            CASE WHEN across THEN ST_XMin(shifted) ELSE ST_XMin(box) END AS west,
+            CASE WHEN across THEN ST_XMax(shifted) - 360 ELSE ST_XMax(box) END AS east
         FROM maps JOIN map_versions v ON v.map_id = maps.id AND v.sequence = maps.current_sequence
         CROSS JOIN LATERAL (
-            SELECT count(*), ST_Extent(geom) AS box FROM feature_versions f
-            WHERE f.map_id = maps.id AND f.to_sequence IS NULL
+            SELECT count(*), ST_Extent(geom) AS box, ST_Extent(ST_ShiftLongitude(geom)) AS shifted
+            FROM feature_versions f WHERE f.map_id = maps.id AND f.to_sequence IS NULL
         ) AS held
+        CROSS JOIN LATERAL (
+            SELECT ST_XMax(shifted) - ST_XMin(shifted) < ST_XMax(box) - ST_XMin(box)
+                AND ST_XMin(shifted) < 180 AND ST_XMax(shifted) > 180 AS across
+        ) AS narrower
         ORDER BY source""")
     return list(await connection.execute(query))
 

@@ -15,7 +15,9 @@ class MapSummary(BaseModel):
     version: str = Field(description="Its current version.")
     sequence: int = Field(description="Number of that version, from 1.")
     features: int = Field(description="Features in that version.")
-    bbox: tuple[float, float, float, float] | None = Field(description="West, south, east, north; null if empty.")
+    bbox: tuple[float, float, float, float] | None = Field(
+        description="West, south, east, north, as the parameter `bbox` takes them; null if empty."
+    )
 
 
 class MapList(BaseModel):
