@@ -7,14 +7,17 @@ from numpy.typing import NDArray
 
 from slamcu_core.evidence import Masses, conflict, support
 from slamcu_core.filter.calibration import SensorCalibration
-from slamcu_core.filter.estimates import FeatureEstimate
+from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
 from slamcu_core.filter.existence import State
 from slamcu_core.filter.map_management import MapManagement
 from slamcu_core.filter.neighbourhood import Neighbourhood
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
+from slamcu_core.filter.prediction import Travel
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
+from slamcu_core.geometry import math_to_compass
 from slamcu_core.hd_map import HDMap, MapFeature
+from slamcu_core.models import advance
 from slamcu_core.reports import MeasuredPosition
 
 Array = NDArray[np.float64]
@@ -40,6 +43,21 @@ class Beliefs:
         self._map, self._table, self._particles, self._around = hd_map, table, particles, around
         self._calibration, self._management = calibration, management
         self._names, self._parameters = names, parameters
+
+    def pose(self, t: float, ahead: Travel) -> PoseEstimate:
+        """Return the pose at t s, by the way `ahead` of the particles that they have not made yet."""
+        mean, covariance = self._particles.mean_state()
+        # added here, not to the particles: to ask is not to act
+        mean[:3] = advance(mean[:3], ahead.distance * float(mean[3]), ahead.turn * float(mean[4]))
+        lon, lat = self._around.frame.to_geographic(mean[:2])
+        return PoseEstimate(
+            t,
+            float(lon),
+            float(lat),
+            math_to_compass(float(mean[2])),
+            (float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])),
+            float(np.rad2deg(np.sqrt(covariance[2, 2]))),
+        )
 
     def place(self, row: int) -> tuple[Array, Array]:
         """Return where a row is by the car's own measurements: mean (2,) and covariance (3,), pose included.

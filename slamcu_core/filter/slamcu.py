@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.drive import DetectionFrame, DriveHeader, GnssFix, ObjectFrame, Odometry, Record
-from slamcu_core.errors import FilterLostError, SlamcuError
+from slamcu_core.errors import FilterLostError
 from slamcu_core.filter import existence
 from slamcu_core.filter.beliefs import Beliefs
 from slamcu_core.filter.beside import Beside
 from slamcu_core.filter.calibration import GnssBias, SensorCalibration
+from slamcu_core.filter.closing import PassClosing
 from slamcu_core.filter.detectability import DetectionRate
 from slamcu_core.filter.detections import Instant, read_detections
 from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
@@ -25,29 +26,26 @@ from slamcu_core.filter.frame_handling import FrameHandling, SensorAtWork
 from slamcu_core.filter.frame_update import FrameUpdate
 from slamcu_core.filter.health import HealthMonitor
 from slamcu_core.filter.hindsight import Hindsight
+from slamcu_core.filter.intake import Intake
 from slamcu_core.filter.map_management import MapManagement
 from slamcu_core.filter.neighbourhood import Neighbourhood
 from slamcu_core.filter.outline import MeanLook
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.passes import PassReporter
-from slamcu_core.filter.prediction import Travel, predict
+from slamcu_core.filter.reckoning import DeadReckoning
 from slamcu_core.filter.recovery import Recovery
 from slamcu_core.filter.resampling import resample
 from slamcu_core.filter.riders import Riders
-from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
+from slamcu_core.filter.table import FeatureTable, Vocabulary
 from slamcu_core.filter.view import Lookout
 from slamcu_core.filter.whiteness import Whiteness
-from slamcu_core.geometry import LocalFrame, compass_to_math, math_to_compass
+from slamcu_core.geometry import LocalFrame, compass_to_math
 from slamcu_core.hd_map import HDMap
-from slamcu_core.models import SensorModel, advance, yaw_rate_from_steering
-from slamcu_core.records import check_record
+from slamcu_core.models import SensorModel
 from slamcu_core.reports import Health, PassReport
 
 Array = NDArray[np.float64]
-Index = NDArray[np.intp]
-
-_LONGEST_SILENCE_S = 3_600.0  # s; a clock that leaps farther is wrong, or the car has been parked: a new session
 
 
 class SlamcuFilter:
@@ -72,7 +70,7 @@ class SlamcuFilter:
         rng: np.random.Generator,
     ) -> None:
         self.parameters = parameters or FilterParameters()
-        self._map, self._header, self._rng = hd_map, header, rng
+        self._rng = rng
         start = header.initial_pose
         self._names = Vocabulary()
         self._particles = Particles.sample(
@@ -105,7 +103,6 @@ class SlamcuFilter:
             reach=float(reach),
             kept_finds=self.parameters.kept_finds,
         )
-        self._reporter = PassReporter(self._table, hd_map, header.start_time, self._names)
         self._management = MapManagement(self._table, self._around, self._particles, self.parameters)
         self._beliefs = Beliefs(
             hd_map,
@@ -117,7 +114,13 @@ class SlamcuFilter:
             names=self._names,
             parameters=self.parameters,
         )
-        self._beside = Beside(hd_map, self._table, self._beliefs, self._management)
+        self._closing = PassClosing(
+            self._table,
+            management=self._management,
+            beliefs=self._beliefs,
+            beside=Beside(hd_map, self._table, self._beliefs, self._management),
+            reporter=PassReporter(self._table, hd_map, header.start_time, self._names),
+        )
         self._sensors = {sensor.id: self._install(SensorModel(sensor)) for sensor in header.sensors}
         self._monitor = HealthMonitor(
             self.parameters.detection_concentration, self.parameters.gate, self.parameters.unmapped_share
@@ -131,17 +134,18 @@ class SlamcuFilter:
             rng=rng,
         )
         self._fixes = FixWatch(self._particles, self._gnss, self._monitor)
-        self._described = {sensor.id: sensor for sensor in header.sensors}
-        self._lost: str | None = None  # why no record is taken any more
-        self._time = 0.0
-        self._last_frame = 0.0  # s, of any sensor
-        self._speed = 0.0
-        self._yaw_rate = 0.0
-        self._travel = Travel()
+        self._intake = Intake(header)
+        self._reckoning = DeadReckoning(
+            self._particles,
+            self._hindsight,
+            noise=self.parameters.motion,
+            wheelbase_m=header.wheelbase_m,
+            rng=rng,
+        )
         self._recovery = Recovery(self._table, self._particles, rng)
         self._riders = Riders()
-        self._odometer = 0.0  # m
-        self._reckoned = np.zeros(3)  # dead reckoning: drifts, but never jumps
+        self._last_frame = 0.0  # s, of any sensor
+        self._lost: str | None = None  # why no record is taken any more
 
     def _install(self, model: SensorModel) -> SensorAtWork:
         codes = np.array([self._names.code(name) for name in model.sensor.classes], dtype=np.intp)
@@ -160,32 +164,18 @@ class SlamcuFilter:
         a value makes no sense (see `check_record`); the filter is then as before. Raises FilterLostError if the
         numbers break down all the same: what is believed is then worth nothing, and no record is taken any more.
         """
-        self._check(record)
+        if self._lost is not None:
+            raise FilterLostError(self._lost)
+        self._intake.admit(record, self._reckoning.time)
         try:
             return self._take(record)
         except (ArithmeticError, ValueError) as error:  # a matrix that is not positive definite is a ValueError
             self._lost = f"the filter is lost at t = {record.t} s, a new session is needed: {error}"
             raise FilterLostError(self._lost) from error
 
-    def _check(self, record: Record) -> None:
-        """Refuse what must not reach the particles."""
-        if self._lost is not None:
-            raise FilterLostError(self._lost)
-        check_record(record, self._described, wheelbase_m=self._header.wheelbase_m)
-        t = record.t
-        if t < self._time:
-            raise SlamcuError(f"time runs backwards: t = {t} s after {self._time} s")
-        if t - self._time > _LONGEST_SILENCE_S:
-            raise SlamcuError(
-                f"time leaps ahead: t = {t} s after {self._time} s; after more than {_LONGEST_SILENCE_S:g} s "
-                "without a record a new session is needed"
-            )
-        if isinstance(record, DetectionFrame) and t <= self._sensors[record.sensor].last_frame:
-            raise SlamcuError(f"sensor {record.sensor!r} has two frames at t = {t} s")
-
     def _take(self, record: Record) -> list[PassReport]:
         if isinstance(record, Odometry):
-            self._odometry(record)
+            self._reckoning.tell(record)
             return []
         if isinstance(record, GnssFix):
             self._fix(record)
@@ -200,11 +190,11 @@ class SlamcuFilter:
         """End the drive: close every open pass and return its report; a filter that is lost has none."""
         if self._lost is not None:
             return []
-        self._advance(self._time)
-        return self._close(sorted(self._management.open))
+        self._reckoning.advance(self._reckoning.time)
+        return self._closing.all()
 
     def _fix(self, record: GnssFix) -> None:
-        self._advance(record.t)
+        self._reckoning.advance(record.t)
         self._particles.settle(self._rng)
         fix = self._around.frame.to_local(record.lon, record.lat)
         refused = self._gnss.update(self._particles, record.t, fix, record.std_m)
@@ -213,32 +203,6 @@ class SlamcuFilter:
             self._start_over(fix)
         else:
             self._resample()
-
-    def _odometry(self, record: Odometry) -> None:
-        if record.yaw_rate is None:
-            yaw_rate = yaw_rate_from_steering(record.speed, record.steering or 0.0, self._header.wheelbase_m)
-        else:
-            yaw_rate = record.yaw_rate
-        self._accumulate(record.t)
-        self._speed, self._yaw_rate = record.speed, yaw_rate
-        if self._travel.full:
-            self._predict()
-
-    def _accumulate(self, t: float) -> None:
-        self._travel.add(self._speed, self._yaw_rate, t - self._time)
-        self._time = t
-
-    def _predict(self) -> None:
-        predict(self._particles, self._travel, self.parameters.motion, self._rng)
-        travel = self._travel
-        self._hindsight.predict(travel)
-        self._odometer += abs(travel.distance)
-        self._reckoned = advance(self._reckoned, travel.distance, travel.turn)
-        self._travel = Travel()
-
-    def _advance(self, t: float) -> None:
-        self._accumulate(t)
-        self._predict()
 
     def _resample(self) -> None:
         fraction, jitter = self.parameters.resample_fraction, self.parameters.jitter
@@ -250,11 +214,11 @@ class SlamcuFilter:
     def _frame(self, record: DetectionFrame, sensor: SensorAtWork) -> list[PassReport]:
         seen = read_detections(sensor.model, record.items, self._names)
         share = existence.temper(record.t - sensor.last_frame, self.parameters.correlation_time_s)
-        self._advance(record.t)
+        self._reckoning.advance(record.t)
         gap = record.t - self._last_frame
         self._calibration.predict(self._particles, gap)
         # whatever was in view before so long a silence is met anew, also if it is in view again
-        ended = self._close(self._management.out_of_view(record.t)) if gap > self.parameters.pass_gap_s else []
+        ended = self._closing.out_of_view(record.t) if gap > self.parameters.pass_gap_s else []
         sensor.last_frame = self._last_frame = record.t
         cloud = self._particles.cloud()
         if self._around.reanchor(cloud.mean[:2], self._particles):
@@ -262,11 +226,12 @@ class SlamcuFilter:
         pose = cloud.mean
         self._around.refresh(pose[:2], self._particles)
         if len(record.items):
-            seen = seen.without(self._riders.flag(seen, self._odometer))
+            seen = seen.without(self._riders.flag(seen, self._reckoning.way))
         occluders = sensor.occluders if record.t - sensor.occluders_at < 0.2 else ()
         view = sensor.lookout.look(self._around.rows, cloud, seen, occluders)
         if view is not None:
-            now = Instant(record.t, share, sensor.whiteness.fresh(share), pose, self._reckoned, self._speed)
+            fresh = sensor.whiteness.fresh(share)
+            now = Instant(record.t, share, fresh, pose, self._reckoning.pose, self._reckoning.speed)
             self._frames.take(sensor, view, seen, now)
             self._resample()
             self._recovery.remember(sensor.model, seen, now)
@@ -274,7 +239,7 @@ class SlamcuFilter:
                 self._find_the_way_back(now)
         else:
             self._particles.settle(self._rng)
-        return ended + self._close(self._management.out_of_view(record.t))
+        return ended + self._closing.out_of_view(record.t)
 
     def _find_the_way_back(self, now: Instant) -> None:
         place = self._recovery.find_the_way_back(now, self._around.rows)
@@ -287,44 +252,12 @@ class SlamcuFilter:
         self._monitor.reset()
         self._around.refresh(place, self._particles, force=True)
 
-    def _close(self, rows: list[int]) -> list[PassReport]:
-        """End the passes of rows and report them."""
-        if not rows:
-            return []
-        table, reports = self._table, []
-        for row in self._management.end_passes(rows):
-            seen = table.detected[row] or table.kind[row] == Kind.NEW
-            place = self._beliefs.place(row) if seen else None
-            position = None if place is None else self._beliefs.position(place)
-            beside = self._beside.weight(row, place)
-            if place is not None and position is not None and beside and not self._beside.is_told(row, place[0]):
-                reports.append(self._reporter.report_beside(row, position, beside))
-            report = self._reporter.report(row, position, beside=beside)
-            if self._beside.is_another(row):
-                report = None
-            if table.kind[row] == Kind.WATCH:
-                table.slot[row] = -1
-            if report is not None:
-                reports.append(report)
-        return reports
-
     # --- what is believed -------------------------------------------------------------------------------------------
 
     @property
     def pose(self) -> PoseEstimate:
         """The pose at the last record."""
-        mean, covariance = self._particles.mean_state()
-        # what was driven since the last frame is added here, not to the particles: to ask is not to act
-        mean[:3] = advance(mean[:3], self._travel.distance * float(mean[3]), self._travel.turn * float(mean[4]))
-        lon, lat = self._around.frame.to_geographic(mean[:2])
-        return PoseEstimate(
-            self._time,
-            float(lon),
-            float(lat),
-            math_to_compass(float(mean[2])),
-            (float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])),
-            float(np.rad2deg(np.sqrt(covariance[2, 2]))),
-        )
+        return self._beliefs.pose(self._reckoning.time, self._reckoning.travel)
 
     @property
     def health(self) -> Health:
