@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -28,7 +28,7 @@ from slamcu_core.formats import write_hd_map
 from slamcu_core.hd_map import MapFeature, MapIdentity
 from slamcu_core.reports import DetectionStatus, MapReference, PassReport, ReportMessage
 from slamcu_server import cli
-from slamcu_server.accounts.schemas import IssuedKey, Role
+from slamcu_server.accounts.schemas import ALL_MAPS, IssuedKey, MapScope, Role
 from slamcu_server.accounts.service import create_account
 from slamcu_server.app import create_app
 from slamcu_server.database import migrate
@@ -135,11 +135,12 @@ async def client(app: FastAPI) -> AsyncIterator[httpx.AsyncClient]:
 
 @pytest.fixture
 def issue_key(engine: AsyncEngine) -> IssueKey:
-    """`await issue_key("vehicle", label=None)`: a new account and its key."""
+    """`await issue_key("vehicle", label=None, maps=("town",))`: a new account, bound to maps if given, and its key."""
 
-    async def issue(role: str, label: str | None = None) -> IssuedKey:
+    async def issue(role: str, label: str | None = None, maps: Iterable[str] | None = None) -> IssuedKey:
+        scope = ALL_MAPS if maps is None else MapScope(frozenset(maps))
         async with engine.begin() as connection:
-            return await create_account(connection, Role(role), label)
+            return await create_account(connection, Role(role), label, scope)
 
     return issue
 

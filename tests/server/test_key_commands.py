@@ -46,6 +46,21 @@ def test_a_fleet_gets_its_keys_at_once(command: Command) -> None:
     assert again.stdout == ""
 
 
+def test_an_account_is_bound_to_maps(command: Command) -> None:
+    made = command("create-key", "--role", "provider", "--label", "[town]", "--map", "town", "--map", "city")
+    assert made.returncode == 0, made.stderr
+    assert "not here yet: city, town" in made.stderr, "a name may be mistyped"
+    row = next(line for line in command("list-keys", COLUMNS="200").stdout.splitlines() if "provider" in line)
+    assert "city, town" in row
+    assert "[town]" in row, "a label is no markup"
+    assert "road" in command("bind-account", "[town]", "--map", "road").stderr
+    assert " road " in command("list-keys", COLUMNS="200").stdout
+    assert command("bind-account", "[town]", "--all-maps").returncode == 0
+    assert " all " in command("list-keys", COLUMNS="200").stdout
+    refused = command("create-key", "--role", "admin", "--label", "root", "--map", "town")
+    assert (refused.returncode, refused.stderr.count("\n")) == (1, 1)
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
@@ -53,6 +68,10 @@ def test_a_fleet_gets_its_keys_at_once(command: Command) -> None:
         (["create-key", "--role", "king"], "king"),
         (["create-key", "--role", "vehicle", "--account", "x"], "--account"),
         (["create-key", "--account", "nobody"], "nobody"),
+        (["create-key", "--account", "nobody", "--map", "town"], "bind-account"),
+        (["bind-account", "nobody", "--map", "town"], "nobody"),
+        (["bind-account", "nobody"], "--all-maps"),
+        (["bind-account", "nobody", "--map", "town", "--all-maps"], "--all-maps"),
         (["create-key", "--role", "vehicle", "--count", "0"], "count"),
         (["rotate-key", "x", "--grace-hours", "99999999"], "grace"),
         (["rotate-key", "x", "--grace-hours", "nan"], "grace"),

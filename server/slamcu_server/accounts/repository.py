@@ -8,8 +8,8 @@ from typing import Any
 from sqlalchemy import Row, func, insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from slamcu_server.accounts.schemas import Principal, Role, StoredKey
-from slamcu_server.database.tables import accounts, api_keys
+from slamcu_server.accounts.schemas import MapScope, Principal, Role, StoredKey
+from slamcu_server.database.tables import accounts, api_keys, maps
 
 
 async def find_account(connection: AsyncConnection, label: str) -> tuple[int, Role] | None:
@@ -19,10 +19,22 @@ async def find_account(connection: AsyncConnection, label: str) -> tuple[int, Ro
     return (row.id, Role(row.role)) if row else None
 
 
-async def add_account(connection: AsyncConnection, role: Role, label: str) -> int:
+async def add_account(connection: AsyncConnection, role: Role, label: str, scope: MapScope) -> int:
     """Add an account; raises IntegrityError if the label is taken."""
-    query = insert(accounts).values(role=role.value, label=label).returning(accounts.c.id)
+    query = insert(accounts).values(role=role.value, label=label, maps=scope.names()).returning(accounts.c.id)
     return int((await connection.execute(query)).scalar_one())
+
+
+async def bind_account(connection: AsyncConnection, account_id: int, scope: MapScope) -> None:
+    """Bind an account to maps, in place of those it was bound to."""
+    await connection.execute(update(accounts).where(accounts.c.id == account_id).values(maps=scope.names()))
+
+
+async def absent_maps(connection: AsyncConnection, scope: MapScope) -> list[str]:
+    """Return the names in a scope that no map has."""
+    names = scope.names() or []
+    here = set((await connection.execute(select(maps.c.source).where(maps.c.source.in_(names)))).scalars())
+    return [name for name in names if name not in here]
 
 
 async def add_key(
@@ -43,6 +55,7 @@ async def find_key(connection: AsyncConnection, key_id: str) -> StoredKey | None
             accounts.c.id.label("account_id"),
             accounts.c.role,
             accounts.c.label.label("account_label"),
+            accounts.c.maps,
         )
         .join_from(api_keys, accounts)
         .where(api_keys.c.id == key_id)
@@ -50,7 +63,8 @@ async def find_key(connection: AsyncConnection, key_id: str) -> StoredKey | None
     row = (await connection.execute(query)).one_or_none()
     if row is None:
         return None
-    principal = Principal(row.account_id, Role(row.role), row.account_label, key_id)
+    scope = MapScope(None if row.maps is None else frozenset(row.maps))
+    principal = Principal(row.account_id, Role(row.role), row.account_label, key_id, scope)
     return StoredKey(principal, row.secret_sha256, row.expires_at, row.revoked_at)
 
 
@@ -75,6 +89,7 @@ async def list_keys(connection: AsyncConnection) -> list[Row[Any]]:
             api_keys.c.id,
             accounts.c.role,
             accounts.c.label.label("account_label"),
+            accounts.c.maps,
             api_keys.c.created_at,
             api_keys.c.expires_at,
             api_keys.c.revoked_at,

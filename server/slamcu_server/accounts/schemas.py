@@ -16,6 +16,23 @@ class Role(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class MapScope:
+    """The maps that an account is bound to, by name; those that it is not bound to are none to it."""
+
+    sources: frozenset[str] | None = None  # None: bound to none in particular, it has to do with all
+
+    def __contains__(self, source: object) -> bool:
+        return self.sources is None or source in self.sources
+
+    def names(self) -> list[str] | None:
+        """Return the names in order, as the database takes them; None: all."""
+        return None if self.sources is None else sorted(self.sources)
+
+
+ALL_MAPS = MapScope()
+
+
+@dataclass(frozen=True, slots=True)
 class Principal:
     """The account behind a request; a vehicle's account is one contributor, whatever keys it uses."""
 
@@ -23,6 +40,7 @@ class Principal:
     role: Role
     label: str
     key_id: str
+    scope: MapScope = ALL_MAPS
 
 
 @dataclass(frozen=True, slots=True)

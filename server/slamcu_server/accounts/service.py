@@ -12,7 +12,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from slamcu_core.errors import SlamcuError
 from slamcu_server.accounts import keys, repository
-from slamcu_server.accounts.schemas import IssuedKey, Principal, Role, StoredKey
+from slamcu_server.accounts.schemas import ALL_MAPS, IssuedKey, MapScope, Principal, Role, StoredKey
 
 CACHE_SECONDS = 5.0  # how long a revoked key may go on working
 _CACHE_SIZE = 10_000
@@ -23,14 +23,20 @@ class AccountError(SlamcuError):
     """An account or key cannot be made, found or changed as asked."""
 
 
-async def create_account(connection: AsyncConnection, role: Role, label: str | None = None) -> IssuedKey:
-    """Make an account with its first key. Raises AccountError if the label is taken or cannot be used."""
+async def create_account(
+    connection: AsyncConnection, role: Role, label: str | None = None, scope: MapScope = ALL_MAPS
+) -> IssuedKey:
+    """Make an account with its first key, bound to maps if they are given; these need not be there yet.
+
+    Raises AccountError if the label is taken or cannot be used, or if the role is bound to nothing.
+    """
+    _require_binding(role, scope)
     label = f"{role.value}-{secrets.token_hex(4)}" if label is None else label.strip()
     if not 0 < len(label) <= _LABEL_MAX or not label.isprintable():
         raise AccountError(f"a label has 1 to {_LABEL_MAX} printable characters")
     try:
         async with connection.begin_nested():
-            account_id = await repository.add_account(connection, role, label)
+            account_id = await repository.add_account(connection, role, label, scope)
     except IntegrityError:
         raise AccountError(f"there is an account {label!r} already: --account {label} gives it another key") from None
     return await _issue(connection, account_id, role, label)
@@ -42,6 +48,26 @@ async def add_key(connection: AsyncConnection, label: str) -> IssuedKey:
     if found is None:
         raise AccountError(f"there is no account {label!r}")
     return await _issue(connection, *found, label)
+
+
+async def bind_account(connection: AsyncConnection, label: str, scope: MapScope) -> None:
+    """Bind an account with all its keys to maps, in place of those it was bound to.
+
+    Raises AccountError if there is no such account, or if its role is bound to nothing.
+    """
+    found = await repository.find_account(connection, label)
+    if found is None:
+        raise AccountError(f"there is no account {label!r}")
+    account_id, role = found
+    _require_binding(role, scope)
+    await repository.bind_account(connection, account_id, scope)
+
+
+def _require_binding(role: Role, scope: MapScope) -> None:
+    if scope.sources is not None and role is Role.ADMIN:
+        raise AccountError("an admin's account is bound to no map: its keys may do all")
+    if not all(source and source.isprintable() for source in scope.sources or ()):
+        raise AccountError("a map's name has one printable character at least")
 
 
 async def rotate_key(connection: AsyncConnection, key_id: str, grace: timedelta) -> IssuedKey:

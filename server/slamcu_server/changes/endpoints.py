@@ -29,7 +29,7 @@ ChangeId = Annotated[int, Path(ge=1, le=_ID_MAX)]
 async def get_changes(
     *,
     request: Request,
-    _: Provider,
+    provider: Provider,
     connection: ReadTransaction,
     after: Annotated[int, Query(ge=0, le=_ID_MAX, description="Entries that follow this sequence number.")] = 0,
     bbox: Annotated[str | None, box_query()] = None,
@@ -59,6 +59,7 @@ async def get_changes(
     query = FeedQuery(
         after=after,
         limit=limit,
+        scope=provider.scope,
         bbox=BoundingBox.parse(bbox) if bbox is not None else None,
         kinds=kind,
         states=state,
@@ -71,7 +72,7 @@ async def get_changes(
 
 @router.get("/{change_id}", response_model=ExplainedChange, responses=responses(404))
 async def get_change(
-    _: Provider,
+    provider: Provider,
     connection: ReadTransaction,
     change_id: ChangeId,
     as_of: Annotated[
@@ -83,7 +84,7 @@ async def get_change(
     Of a moved or modified feature, `evidence` is about what is there now and `evidence_from` about what the map says.
     The `ETag` names the revision: send it as `If-Match` with a review.
     """
-    change = await service.find_change(connection, change_id)
+    change = await service.find_change(connection, provider.scope, change_id)
     return JSONResponse(await service.explain_change(connection, change, as_of), headers={"ETag": change.etag})
 
 
@@ -99,5 +100,5 @@ async def post_review(
 ) -> JSONResponse:
     """Accept a change, which makes the next version of the map, or reject it with a reason."""
     policy = load_policy(request.app.state.settings.policy_file)
-    change = await reviewing.review(engine, policy, change_id, decision, if_match=if_match, reviewer=provider.label)
+    change = await reviewing.review(engine, policy, change_id, decision, if_match=if_match, reviewer=provider)
     return JSONResponse(service.present_change(change), headers={"ETag": change.etag})

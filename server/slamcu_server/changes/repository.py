@@ -10,6 +10,7 @@ from sqlalchemy import Row, Select, select, text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.aggregation import Policy
+from slamcu_server.accounts.schemas import MapScope
 from slamcu_server.changes.belief import Kind, State
 from slamcu_server.changes.document import Document
 from slamcu_server.database.tables import change_entries, changes, feed_position, maps, policies
@@ -22,6 +23,7 @@ class FeedQuery:
 
     after: int
     limit: int
+    scope: MapScope
     bbox: BoundingBox | None = None
     kinds: Sequence[Kind] = ()
     states: Sequence[State] = ()
@@ -35,6 +37,7 @@ class StoredChange:
 
     id: int
     map_id: int
+    map_source: str
     kind: Kind
     state: State
     revision: int
@@ -72,8 +75,12 @@ async def list_entries(connection: AsyncConnection, query: FeedQuery) -> list[Ro
         chosen = chosen.where(columns.kind.in_([kind.value for kind in query.kinds]))
     if query.states:
         chosen = chosen.where(columns.state.in_([state.value for state in query.states]))
+    if query.map_source is not None or query.scope.sources is not None:
+        chosen = chosen.join(maps, maps.c.id == columns.map_id)
     if query.map_source is not None:
-        chosen = chosen.join(maps, maps.c.id == columns.map_id).where(maps.c.source == query.map_source)
+        chosen = chosen.where(maps.c.source == query.map_source)
+    if query.scope.sources is not None:
+        chosen = chosen.where(maps.c.source.in_(query.scope.sources))
     if query.latest:
         newest = (changes.c.id == columns.change_id) & (changes.c.revision == columns.revision)
         chosen = chosen.join(changes, newest)
@@ -98,12 +105,14 @@ async def last_sequence(connection: AsyncConnection) -> int:
 
 async def find_change(connection: AsyncConnection, change_id: int) -> StoredChange | None:
     """Return a change."""
-    row = (await connection.execute(select(changes).where(changes.c.id == change_id))).one_or_none()
+    query = select(changes, maps.c.source).join_from(changes, maps).where(changes.c.id == change_id)
+    row = (await connection.execute(query)).one_or_none()
     if row is None:
         return None
     return StoredChange(
         id=row.id,
         map_id=row.map_id,
+        map_source=row.source,
         kind=Kind(row.kind),
         state=State(row.state),
         revision=row.revision,

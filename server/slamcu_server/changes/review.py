@@ -9,6 +9,7 @@ from typing import Any
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from slamcu_core.aggregation import Policy
+from slamcu_server.accounts.schemas import Principal
 from slamcu_server.aggregation import reads
 from slamcu_server.aggregation.cells import Cell
 from slamcu_server.aggregation.locks import BeyondLockedCells, lock_cells, require_cells
@@ -29,7 +30,7 @@ class _Asked:
 
     decision: ReviewRequest
     tags: frozenset[str]
-    reviewer: str
+    reviewer: Principal
 
 
 async def review(
@@ -39,13 +40,13 @@ async def review(
     decision: ReviewRequest,
     *,
     if_match: str | None,
-    reviewer: str,
+    reviewer: Principal,
 ) -> StoredChange:
     """Decide on a change, in one transaction under the locks that the worker takes too.
 
-    Raises Problem 404 if there is no such change, 428 without If-Match, 412 if the change has another revision by
-    now, and 409 if there is nothing to decide or the map version's name is taken; the database's error (503) if the
-    locks are not to be had soon.
+    Raises Problem 404 if there is no such change (of the reviewer's maps), 428 without If-Match, 412 if the change has
+    another revision by now, and 409 if there is nothing to decide or the map version's name is taken; the database's
+    error (503) if the locks are not to be had soon.
     """
     asked = _Asked(decision, _tags(if_match), reviewer)
     further: frozenset[Cell] = frozenset()
@@ -64,10 +65,11 @@ async def _decide(
     asked: _Asked,
     further: frozenset[Cell],
 ) -> StoredChange:
-    change = await service.find_change(connection, change_id)
+    scope = asked.reviewer.scope
+    change = await service.find_change(connection, scope, change_id)
     held = further | await _cells(connection, change, policy)
     await lock_cells(connection, held)
-    change = await service.find_change(connection, change_id)  # it may have moved on while we waited
+    change = await service.find_change(connection, scope, change_id)  # it may have moved on while we waited
     require_cells(await _cells(connection, change, policy), held)
     if change.etag not in asked.tags:
         detail = f"the change is at revision {change.revision}: look at it again and send its ETag {change.etag}"
@@ -78,7 +80,7 @@ async def _decide(
     said: dict[str, Any] = {
         "decision": decision.decision,
         "reason": decision.reason,
-        "by": asked.reviewer,
+        "by": asked.reviewer.label,
         "at": timestamp(datetime.now(UTC)),
         "map_version": None,
     }

@@ -12,6 +12,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.aggregation import Policy, Side
 from slamcu_core.evidence import support
+from slamcu_server.accounts.schemas import MapScope
 from slamcu_server.aggregation import reads
 from slamcu_server.aggregation.passes import StoredPass
 from slamcu_server.changes import repository
@@ -55,10 +56,10 @@ async def feed_page(
     }
 
 
-async def find_change(connection: AsyncConnection, change_id: int) -> StoredChange:
-    """Return a change; answer 404 if there is none."""
+async def find_change(connection: AsyncConnection, scope: MapScope, change_id: int) -> StoredChange:
+    """Return a change; answer 404 if there is none about a map of the scope."""
     change = await repository.find_change(connection, change_id)
-    if change is None:
+    if change is None or change.map_source not in scope:
         raise Problem(404, "unknown-change", f"there is no change {change_id}; GET /v1/changes lists those there are")
     return change
 

@@ -26,7 +26,7 @@ _SINCE = timedelta(days=30)
 @router.get("", response_model=Coverage, responses=responses(404))
 async def get_coverage(
     *,
-    _: Provider,
+    provider: Provider,
     connection: ReadTransaction,
     map_source: Annotated[str, Query(alias="map", description="The map's name.", max_length=200)],
     bbox: Annotated[str, box_query(f"At most {TILES_MAX} tiles.")],
@@ -37,7 +37,6 @@ async def get_coverage(
     ] = None,
 ) -> JSONResponse:
     """Tell what the fleet has looked at, by tile: what is verified need not be surveyed again."""
-    query = CoverageQuery(
-        map_source, zoom, BoundingBox.parse(bbox), since or datetime.now(UTC) - _SINCE, limit=TILES_MAX
-    )
+    since = since or datetime.now(UTC) - _SINCE
+    query = CoverageQuery(map_source, zoom, BoundingBox.parse(bbox), since, TILES_MAX, provider.scope)
     return JSONResponse(await service.coverage(connection, query))

@@ -9,6 +9,7 @@ from typing import Any
 from sqlalchemy import BigInteger, ColumnElement, Double, Integer, Row, and_, cast, func, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from slamcu_server.accounts.schemas import MapScope
 from slamcu_server.database.tables import feature_states, feature_versions, maps
 from slamcu_server.maps.bbox import BoundingBox
 from slamcu_server.maps.tiles import MAX_LAT
@@ -23,6 +24,7 @@ class CoverageQuery:
     bbox: BoundingBox
     since: datetime  # what was seen from then on counts as verified
     limit: int
+    scope: MapScope
 
 
 async def count_by_tile(connection: AsyncConnection, query: CoverageQuery) -> list[Row[Any]]:

@@ -16,7 +16,7 @@ from slamcu_server.problems import Problem
 
 async def coverage(connection: AsyncConnection, query: CoverageQuery) -> dict[str, Any]:
     """Return the coverage of a map; answer 404 if there is no such map, 422 if the box has too many tiles."""
-    await find_version(connection, query.map_source)
+    await find_version(connection, query.scope, query.map_source)
     tiles = _tiles(query)
     if tiles > query.limit:
         detail = f"the box has {tiles} tiles at zoom {query.zoom}, at most {query.limit} can be asked for at once"

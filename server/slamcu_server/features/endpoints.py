@@ -25,7 +25,7 @@ _ID_MAX = 2**63 - 1
 async def get_features(
     *,
     request: Request,
-    _: Provider,
+    provider: Provider,
     connection: ReadTransaction,
     map_source: Annotated[str, Query(alias="map", description="The map's name.", max_length=200)],
     bbox: Annotated[str | None, box_query()] = None,
@@ -36,17 +36,18 @@ async def get_features(
     limit: Annotated[int, Query(ge=1, le=10_000)] = 1000,
 ) -> JSONResponse:
     """List the features of a map's current version with when they were last looked at and seen, and how often."""
-    query = LookQuery(map_source, None if bbox is None else BoundingBox.parse(bbox), not_looked_since, after, limit)
+    box = None if bbox is None else BoundingBox.parse(bbox)
+    query = LookQuery(map_source, box, not_looked_since, after, limit, provider.scope)
     parameters = [(name, value) for name, value in request.query_params.multi_items() if name != "after"]
     return JSONResponse(await service.look_page(connection, query, parameters))
 
 
 @router.get("/features/{feature_id}", response_model=Feature, responses=responses(404))
 async def get_feature(
-    _: Provider, connection: ReadTransaction, feature_id: Annotated[int, Path(ge=1, le=_ID_MAX)]
+    provider: Provider, connection: ReadTransaction, feature_id: Annotated[int, Path(ge=1, le=_ID_MAX)]
 ) -> JSONResponse:
     """Read a map feature: the evidence about it as it stands now, the map's versions of it, and its changes."""
-    return JSONResponse(await service.find_feature(connection, feature_id))
+    return JSONResponse(await service.find_feature(connection, provider.scope, feature_id))
 
 
 @router.get(
@@ -56,10 +57,10 @@ async def get_feature(
     responses=responses(404),
 )
 async def get_map_feature(
-    _: Provider,
+    provider: Provider,
     connection: ReadTransaction,
     source: Annotated[str, Path(description="The map's name.", max_length=200)],
     object_id: Annotated[int, Path(ge=1, le=_ID_MAX, description="The map's own id.")],
 ) -> RedirectResponse:
     """Find the feature that a map calls `object_id`."""
-    return RedirectResponse(f"/v1/features/{await service.find_id(connection, source, object_id)}", 307)
+    return RedirectResponse(f"/v1/features/{await service.find_id(connection, provider.scope, source, object_id)}", 307)

@@ -9,6 +9,7 @@ from typing import Any
 from sqlalchemy import Row, Select, func, or_, select, text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from slamcu_server.accounts.schemas import MapScope
 from slamcu_server.database.tables import feature_states, feature_versions, features, maps
 from slamcu_server.maps.bbox import BoundingBox
 
@@ -41,6 +42,7 @@ class LookQuery:
     not_looked_since: datetime | None
     after: int
     limit: int
+    scope: MapScope
 
 
 async def list_looks(connection: AsyncConnection, query: LookQuery) -> list[Row[Any]]:

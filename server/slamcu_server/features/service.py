@@ -13,6 +13,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.aggregation import Policy, kept_at
 from slamcu_core.evidence import support
+from slamcu_server.accounts.schemas import MapScope
 from slamcu_server.changes.document import evidence, timestamp
 from slamcu_server.changes.repository import find_policy
 from slamcu_server.features import repository
@@ -21,10 +22,10 @@ from slamcu_server.maps.service import find_version
 from slamcu_server.problems import Problem
 
 
-async def find_feature(connection: AsyncConnection, feature_id: int) -> dict[str, Any]:
-    """Return the document of a feature; answer 404 if there is none."""
+async def find_feature(connection: AsyncConnection, scope: MapScope, feature_id: int) -> dict[str, Any]:
+    """Return the document of a feature; answer 404 if there is none in the scope."""
     row = await repository.find_feature(connection, feature_id)
-    if row is None:
+    if row is None or row.source not in scope:
         raise Problem(404, "unknown-feature", f"there is no feature {feature_id}")
     policy = None if row.state_of is None else await find_policy(connection, row.policy_version)
     versions = await repository.list_versions(connection, feature_id)
@@ -44,7 +45,7 @@ async def look_page(
     connection: AsyncConnection, query: LookQuery, parameters: Sequence[tuple[str, str]]
 ) -> dict[str, Any]:
     """Return a page of features with when they were looked at; answer 404 if there is no such map."""
-    await find_version(connection, query.map_source)
+    await find_version(connection, query.scope, query.map_source)
     rows = await repository.list_looks(connection, replace(query, limit=query.limit + 1))
     now = datetime.now(UTC)
     page = rows[: query.limit]
@@ -72,9 +73,10 @@ async def look_page(
     }
 
 
-async def find_id(connection: AsyncConnection, source: str, object_id: int) -> int:
-    """Return the id of the feature that a map calls `object_id`; answer 404 if there is none."""
-    found = await repository.find_id(connection, source, object_id) if source.isprintable() else None
+async def find_id(connection: AsyncConnection, scope: MapScope, source: str, object_id: int) -> int:
+    """Return the id of the feature that a map of the scope calls `object_id`; answer 404 if there is none."""
+    may_be = source in scope and source.isprintable()
+    found = await repository.find_id(connection, source, object_id) if may_be else None
     if found is None:
         raise Problem(404, "unknown-feature", f"map {source[:200]!r} never had a feature {object_id}")
     return found

@@ -62,7 +62,7 @@ async def post_data_messages(request: Request, reporter: Reporter, engine: Engin
             passes = batch.passes
         finally:
             quota.charge(reporter.account_id, passes)
-    result = await service.ingest(engine, reporter.account_id, batch)
+    result = await service.ingest(engine, reporter, batch)
     _count(request.app.state.instruments, result)
     if result.rejected and not result.accepted and not result.duplicates:
         detail = f"none of the {len(result.rejected)} messages could be taken; the first: {result.rejected[0].detail}"

@@ -8,6 +8,7 @@ from sqlalchemy import select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.hd_map import MapIdentity
+from slamcu_server.accounts.schemas import MapScope
 from slamcu_server.aggregation.boxes import PROBE
 from slamcu_server.aggregation.bulk import arrays, unnest
 from slamcu_server.database.statements import text
@@ -15,15 +16,15 @@ from slamcu_server.database.tables import candidates
 
 
 async def find_maps(
-    connection: AsyncConnection, identities: Iterable[MapIdentity]
+    connection: AsyncConnection, scope: MapScope, identities: Iterable[MapIdentity]
 ) -> tuple[dict[str, int], set[MapIdentity]]:
-    """Return the ids of the maps that are here by source, and those of `identities` that are."""
+    """Return the ids of the maps of a scope that are here by source, and those of `identities` that are."""
     query = text("""
         SELECT m.source, m.id, asked.version, v.sequence IS NOT NULL AS known
         FROM unnest(CAST(:sources AS text[]), CAST(:versions AS text[])) AS asked (source, version)
         JOIN maps m ON m.source = asked.source
         LEFT JOIN map_versions v ON v.map_id = m.id AND v.version = asked.version""")
-    asked = list(identities)
+    asked = [one for one in identities if one.source in scope]
     found = list(
         await connection.execute(
             query, {"sources": [one.source for one in asked], "versions": [one.version for one in asked]}

@@ -14,6 +14,7 @@ from slamcu_core.errors import WireError
 from slamcu_core.reports import ReportMessage
 from slamcu_core.sensoris import BatchItem, WireLimits, decode_batch
 from slamcu_core.sensoris.proto import data_pb2
+from slamcu_server.accounts.schemas import MapScope, Principal
 from slamcu_server.aggregation.cells import region_at
 from slamcu_server.aggregation.condensed import condense
 from slamcu_server.ingest import repository
@@ -68,7 +69,7 @@ async def read(settings: Settings, body: bytes, *, is_json: bool) -> Batch:
         raise Problem(status, error.reason, error.message) from error
 
 
-async def ingest(engine: AsyncEngine, account_id: int, batch: Batch) -> IngestResult:
+async def ingest(engine: AsyncEngine, reporter: Principal, batch: Batch) -> IngestResult:
     """Log the good messages of a batch durably, and return what became of each."""
     items, readable = batch.items, batch.readable
     rejected = [_unreadable(index, item) for index, item in enumerate(items) if item.report is None]
@@ -81,10 +82,10 @@ async def ingest(engine: AsyncEngine, account_id: int, batch: Batch) -> IngestRe
     if readable:
         # Only now: a slow sender must not hold a connection. The commit comes before the answer.
         async with engine.begin() as connection:
-            unknown = [*impossible, *await _refuse_unknown(connection, possible)]
+            unknown = [*impossible, *await _refuse_unknown(connection, reporter.scope, possible)]
             refused = {rejection.index for rejection in unknown}
             kept = [message for message in readable if message.index not in refused]
-            outcomes = await _log(PostgresMessageLog(connection), account_id, kept) if kept else []
+            outcomes = await _log(PostgresMessageLog(connection), reporter.account_id, kept) if kept else []
         rejected += unknown
         rejected += [
             _rejection(message, Outcome.CONFLICT, "these ids were used before for a message with other bytes")
@@ -121,9 +122,11 @@ def _region(report: ReportMessage) -> int:
     return next((region_at(place.lon, place.lat) for place in places), 0)
 
 
-async def _refuse_unknown(connection: AsyncConnection, messages: Sequence[_Readable]) -> list[Rejection]:
-    """Return rejections of the messages that name a map, version or feature that has never been here."""
-    map_ids, versions = await repository.find_maps(connection, {one.report.map_identity for one in messages})
+async def _refuse_unknown(
+    connection: AsyncConnection, scope: MapScope, messages: Sequence[_Readable]
+) -> list[Rejection]:
+    """Return rejections of the messages that name a map, version or feature that has never been in the scope."""
+    map_ids, versions = await repository.find_maps(connection, scope, {one.report.map_identity for one in messages})
     named: set[tuple[bool, int, int]] = {
         (reference.watched, map_ids[one.report.map_identity.source], reference.object_id)
         for one in messages

@@ -28,9 +28,9 @@ class GeoJSONResponse(Response):
 
 
 @router.get("")
-async def get_maps(_: MapReader, connection: ReadTransaction) -> MapList:
-    """List the maps with their current versions."""
-    rows = await repository.list_maps(connection)
+async def get_maps(reader: MapReader, connection: ReadTransaction) -> MapList:
+    """List the maps with their current versions; a key that is bound to maps has to do with these only."""
+    rows = await repository.list_maps(connection, reader.scope)
     return MapList(
         maps=[
             MapSummary(
@@ -47,14 +47,14 @@ async def get_maps(_: MapReader, connection: ReadTransaction) -> MapList:
 
 @router.get("/{source}/versions", responses=responses(404))
 async def get_versions(
-    _: MapReader,
+    reader: MapReader,
     connection: ReadTransaction,
     source: MapName,
     after: Annotated[int, Query(ge=0, le=_SEQUENCE_MAX, description="Versions that follow this sequence.")] = 0,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
 ) -> MapVersionPage:
     """List the versions of a map, oldest first."""
-    found = await service.find_version(connection, source)
+    found = await service.find_version(connection, reader.scope, source)
     rows = await repository.list_versions(connection, found.map_id, after, limit + 1)
     versions = [MapVersion.model_validate(row, from_attributes=True) for row in rows[:limit]]
     following = None
@@ -91,7 +91,7 @@ async def get_features(
     `If-None-Match`: the answer is 304 as long as it is good.
     """
     with_watches = reader.role is Role.VEHICLE if watch is None else watch
-    query = service.FeatureQuery(source, version, bbox, after, limit, with_watches)
+    query = service.FeatureQuery(source, version, bbox, after, limit, with_watches, reader.scope)
     page = await service.feature_page(connection, query, if_none_match)
     headers = {"ETag": page.etag, "Cache-Control": "private, no-cache", "Vary": "Authorization"}
     if page.content is None:

@@ -7,12 +7,13 @@ from typing import Any
 from sqlalchemy import ColumnElement, Row, Select, and_, func, or_, select, text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from slamcu_server.accounts.schemas import MapScope
 from slamcu_server.database.tables import candidates, feature_versions, features, map_versions, maps
 from slamcu_server.maps.bbox import BoundingBox
 
 
-async def list_maps(connection: AsyncConnection) -> list[Row[Any]]:
-    """Return every map with its current version and what that holds, by name.
+async def list_maps(connection: AsyncConnection, scope: MapScope) -> list[Row[Any]]:
+    """Return every map of a scope with its current version and what that holds, by name.
 
     The box of a map on both sides of the antimeridian is the narrower of the two that hold it: its west may be greater
     than its east.
@@ -30,8 +31,9 @@ async def list_maps(connection: AsyncConnection) -> list[Row[Any]]:
             SELECT ST_XMax(shifted) - ST_XMin(shifted) < ST_XMax(box) - ST_XMin(box)
                 AND ST_XMin(shifted) < 180 AND ST_XMax(shifted) > 180 AS across
         ) AS narrower
+        WHERE CAST(:sources AS text[]) IS NULL OR source = ANY(CAST(:sources AS text[]))
         ORDER BY source""")
-    return list(await connection.execute(query))
+    return list(await connection.execute(query, {"sources": scope.names()}))
 
 
 async def find_version(connection: AsyncConnection, source: str, version: str | None) -> Row[Any] | None:

@@ -13,6 +13,7 @@ from urllib.parse import quote, urlencode
 from sqlalchemy import Row
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from slamcu_server.accounts.schemas import MapScope
 from slamcu_server.changes.belief import Kind
 from slamcu_server.maps import repository
 from slamcu_server.maps.bbox import BoundingBox
@@ -56,20 +57,23 @@ class FeatureQuery:
     after: str | None
     limit: int
     watch: bool
+    scope: MapScope
 
 
-async def find_version(connection: AsyncConnection, source: str, version: str | None = None) -> Row[Any]:
-    """Return (map_id, source, version, sequence); answer 404 if there is no such map or version."""
-    if (found := await _find(connection, source, version)) is not None:
+async def find_version(
+    connection: AsyncConnection, scope: MapScope, source: str, version: str | None = None
+) -> Row[Any]:
+    """Return (map_id, source, version, sequence); answer 404 if there is no such map or version in the scope."""
+    if (found := await _find(connection, scope, source, version)) is not None:
         return found
-    if version is None or await _find(connection, source, None) is None:
+    if version is None or await _find(connection, scope, source, None) is None:
         raise Problem(404, "unknown-map", f"there is no map {source[:200]!r}; GET /v1/maps names those there are")
     raise Problem(404, "unknown-map-version", f"map {source!r} has no version {version[:200]!r}")
 
 
-async def _find(connection: AsyncConnection, source: str, version: str | None) -> Row[Any] | None:
+async def _find(connection: AsyncConnection, scope: MapScope, source: str, version: str | None) -> Row[Any] | None:
     # No map has such a name, and the database refuses some of these characters.
-    if not source.isprintable() or not (version or "").isprintable():
+    if source not in scope or not source.isprintable() or not (version or "").isprintable():
         return None
     return await repository.find_version(connection, source, version)
 
@@ -86,7 +90,7 @@ async def feature_page(connection: AsyncConnection, query: FeatureQuery, known: 
     """Make a page, unless its tag is among the `known` ones (the header If-None-Match)."""
     bbox = BoundingBox.parse(query.bbox) if query.bbox is not None else None
     cursor = Cursor.parse(query.after)
-    version = await find_version(connection, query.source, query.version)
+    version = await find_version(connection, query.scope, query.source, query.version)
     watches: list[Row[Any]] = []
     if query.watch:
         after = cursor.after if cursor.watch else 0

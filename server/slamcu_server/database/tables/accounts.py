@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
-from sqlalchemy import BigInteger, CheckConstraint, Column, DateTime, ForeignKey, Identity, LargeBinary, Table, Text
+from sqlalchemy import (
+    ARRAY,
+    BigInteger,
+    CheckConstraint,
+    Column,
+    DateTime,
+    ForeignKey,
+    Identity,
+    LargeBinary,
+    Table,
+    Text,
+)
 
 from slamcu_server.database.tables.columns import created, metadata
 
@@ -12,8 +23,10 @@ accounts = Table(
     Column("id", BigInteger, Identity(), primary_key=True),
     Column("role", Text, nullable=False),
     Column("label", Text, nullable=False, unique=True),
+    Column("maps", ARRAY(Text)),  # names of those that it is bound to; null: it has to do with all
     created(),
     CheckConstraint("role IN ('vehicle', 'provider', 'admin')", name="role"),
+    CheckConstraint("maps IS NULL OR role <> 'admin'", name="maps"),
 )
 
 api_keys = Table(
