@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.drive import Occluder, Sensor
+from slamcu_core.geometry import wrap_in_place
 
 Array = NDArray[np.float64]
 
@@ -50,9 +51,10 @@ def occlusion_probability(occluders: Sequence[Occluder], distance: Array, bearin
     visible = np.ones_like(distance)
     for occluder in occluders:
         half = shadow_angle(occluder)
-        offset = np.abs(bearing - occluder.bearing)
+        offset = bearing - occluder.bearing
+        wrap_in_place(offset)
         behind = _logistic((distance - occluder.range) / (0.5 * _OCCLUDER_RANGE_STD))
-        inside = _logistic((half - offset) / np.maximum(0.6 * bearing_std, 1e-4))
+        inside = _logistic((half - np.abs(offset)) / np.maximum(0.6 * bearing_std, 1e-4))
         visible *= 1.0 - behind * inside
     return 1.0 - visible
 

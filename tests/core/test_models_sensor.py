@@ -82,3 +82,10 @@ def test_a_truck_hides_what_stands_behind_it(distance: float, bearing: float, hi
     truck = Occluder(range=20.0, bearing=0.0, width=2.5)
     chance = occlusion_probability([truck], np.array([distance]), np.array([bearing]), np.array([0.003]))[0]
     assert chance > 0.9 if hidden else chance < 0.1
+
+
+@pytest.mark.parametrize("turns", [-1, 0, 1])
+def test_a_truck_behind_the_car_hides_on_both_sides_of_straight_back(turns: int) -> None:
+    truck = Occluder(range=20.0, bearing=np.pi - 0.02, width=2.5)
+    bearing = np.array([0.02 - np.pi + 2 * np.pi * turns])
+    assert occlusion_probability([truck], np.array([60.0]), bearing, np.array([0.003]))[0] > 0.9
