@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import hmac
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
@@ -52,10 +52,11 @@ def pseudonym(salt: bytes, contributor: int) -> str:
 def explain(case: Case, salt: bytes, as_of: datetime) -> dict[str, Any]:
     """Return the evidence behind a change as of a time: contributions, F and A after each, and what would flip it.
 
-    What came later is left out; what is there is decayed to that time.
+    Passes that ended later are left out; what is there is decayed to that time.
     """
     now = as_of.timestamp()
-    parts = [part for part in contributions([item.evidence for item in case.passes], case.policy) if part.time <= now]
+    case = replace(case, passes=[item for item in case.passes if item.ended_at <= as_of])
+    parts = contributions([item.evidence for item in case.passes], case.policy)
     state = _fold(case, parts)
     folds = frozenset((step.contributor, step.time) for step in state.steps)
     fades = fades_at(state, case.policy, case.side, case.policy.leave) if state.standing else None

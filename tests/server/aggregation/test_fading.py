@@ -81,3 +81,21 @@ async def test_an_explanation_reads_the_evidence_as_of_a_time(
     assert reports.at(LONG_AGO).isoformat() < fresh["fades_at"] < reports.at(0).isoformat()
     answer = await client.get("/v1/changes/1?as_of=2026-05-01", headers=provider)
     assert answer.status_code == 422  # a time without a zone is no moment
+
+
+async def test_an_explanation_as_of_a_time_keeps_what_a_car_had_said_by_then(
+    town: Any, reports: Any, client: httpx.AsyncClient, provider: dict[str, str]
+) -> None:
+    """Though the car said more within the same hour, and both count as one contribution afterwards."""
+    for car in ("a", "b"):
+        await town.report(car, reports.find(100, 0, hours=0, weight=1.0), reports.find(100, 0, hours=0.5, weight=1.0))
+    await town.fuse()
+
+    async def told(hours: float) -> list[tuple[int, float]]:
+        parameters = {"as_of": reports.at(hours).isoformat()}
+        evidence = (await client.get("/v1/changes/1", headers=provider, params=parameters)).json()["evidence"]
+        return [(one["passes"], one["weight_for"]) for one in evidence["contributions"]]
+
+    then, now = await told(0.25), await told(1.0)
+    assert ([passes for passes, _ in then], [passes for passes, _ in now]) == ([1, 1], [2, 2])
+    assert then[0][1] < now[0][1]
