@@ -50,6 +50,6 @@ def heard(
         run = np.cumsum(begins | opposite)
         mine = np.flatnonzero(doubtful & says)
         voices = np.unique(np.stack([run[mine], contributor[mine]]), axis=1)[0]
-        enough = np.bincount(voices, minlength=len(run) + 1) >= policy.contributors_in_doubt
+        enough = np.bincount(voices) >= policy.contributors_in_doubt
         result[mine] |= enough[run[mine]]
     return np.asarray(result)

@@ -245,29 +245,34 @@ def test_one_car_cannot_make_fall_what_others_made_stand() -> None:
     assert not _deletion(stood + two).standing
 
 
+@pytest.mark.parametrize("mass", [0.3, 0.5, 0.7])
 @pytest.mark.parametrize(
     ("told", "side"), [("mmmmm", Side.DELETED), ("mmmmms", Side.DELETED), ("ss", Side.NEW), ("ssssm", Side.NEW)]
 )
-def test_what_nobody_looks_at_any_more_fades_at_a_moment_that_is_known(told: str, side: Side) -> None:
+def test_what_nobody_looks_at_any_more_fades_at_a_moment_that_is_known(told: str, side: Side, mass: float) -> None:
     state = _deletion(_story(told)) if side is Side.DELETED else _creation(_story(told))
     assert state.standing
-    moment = fades_at(state, POLICY, side, POLICY.leave)
+    moment = fades_at(state, POLICY, side, mass)
     assert moment is not None
 
-    def mass(as_of: float) -> float:
+    def reads(as_of: float) -> float:
         read = Masses.from_weights(*decayed(state, as_of, POLICY))
         return float(read.exists if side is Side.NEW else read.not_exists)
 
-    assert mass(moment - 60.0) >= POLICY.leave > mass(moment + 60.0)
+    assert reads(moment - 60.0) >= mass > reads(moment + 60.0)
 
 
-def test_what_stands_only_for_want_of_witnesses_fades_all_the_same() -> None:
+def test_what_stands_only_for_want_of_witnesses_fades_when_it_would_undisputed() -> None:
     state = _deletion(_story("mmmmm") + [PassEvidence(99, (10 + i) * HOUR, SURE, 0.0) for i in range(4)])
-    moment = fades_at(state, POLICY, Side.DELETED, POLICY.leave)
     assert state.standing
-    assert state.last_informative is not None
-    assert moment is not None
-    assert state.last_informative <= moment < state.last_informative + 3 * POLICY.half_life_days * DAY
+    assert Masses.from_weights(*decayed(state, 0.0, POLICY)).not_exists < POLICY.leave
+    for mass in (0.3, POLICY.leave):
+        moment = fades_at(state, POLICY, Side.DELETED, mass)
+        assert moment is not None
+        _, against = decayed(state, moment, POLICY)
+        assert Masses.from_weights(0.0, against).not_exists == pytest.approx(mass, abs=1e-6)
+    # what would be below it even undisputed has faded by now
+    assert fades_at(state, POLICY, Side.DELETED, 0.99) == state.last_informative
 
 
 def test_what_nobody_spoke_for_never_fades() -> None:
