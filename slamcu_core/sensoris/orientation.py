@@ -15,12 +15,10 @@ def integer(value: base_pb2.Int64Value, default: int | None = None) -> int | Non
     """Return the integer of a SENSORIS value: what it says, or the mean of the Gaussian that it gives instead."""
     if stated := value.value:
         return stated
-    kind = value.WhichOneof("value_oneof")
-    if kind == "value":
-        return value.value
-    if kind == "gaussian_distribution" and value.gaussian_distribution.HasField("mean"):
-        return value.gaussian_distribution.mean.value
-    return default
+    if value.HasField("value"):
+        return 0
+    gaussian = value.gaussian_distribution
+    return gaussian.mean.value if gaussian.HasField("mean") else default
 
 
 def rotation_matrix(rotation: spatial_pb2.RotationAndAccuracy) -> Array:

@@ -11,9 +11,8 @@ from sqlalchemy import Row, text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.hd_map import MapFeature
+from slamcu_server.aggregation.refold import Places
 from slamcu_server.problems import Problem
-
-Places = frozenset[tuple[int, float, float]]
 
 EXISTENCE_CONFIDENCE = MapFeature(object_id=1, lon=0.0, lat=0.0).existence_confidence
 """λ_HD of an accepted feature: from then on the map says so, like of any other."""

@@ -42,6 +42,23 @@ def test_a_batch_is_what_any_sensoris_receiver_parses(a_report: ReportMessage) -
     assert [message.envelope.ids.message_id.value for message in batch.data_message] == [3, 4]
 
 
+def test_a_batch_declares_the_extensions_that_it_carries(a_report: ReportMessage) -> None:
+    batch = data_pb2.DataMessages.FromString(encode_batch([a_report]))
+
+    (message,) = batch.data_message
+    (sign,) = message.event_group[0].traffic_regulation_category.traffic_sign
+    carried = {each.type_url for each in (*message.envelope.extension, *sign.envelope.extension)}
+    assert carried == {each.type_url.type_url.value for each in batch.envelope.extension_type_url_and_version}
+
+
+def test_fields_of_any_number_that_protobuf_has_are_passed_over(a_report: ReportMessage) -> None:
+    body = encode_batch([a_report])
+
+    assert split_batch(body + delimited(2**29 - 1, b"later")) == split_batch(body)
+    with pytest.raises(WireError, match=r"field number 536870912 at byte \d+"):
+        split_batch(body + delimited(2**29, b"never"))
+
+
 def test_the_good_messages_of_a_batch_are_kept(
     a_report: ReportMessage, report_of: Callable[..., ReportMessage]
 ) -> None:

@@ -111,6 +111,17 @@ def test_a_vehicle_may_itself_be_placed_in_a_turned_event_group(
     assert east_north(read(foreign)) == pytest.approx((30.0, 104.0), abs=1e-2)
 
 
+def test_a_vehicle_on_the_globe_may_be_turned_as_its_event_group_is(
+    foreign: Message, vehicle: spatial_pb2.RotationAndAccuracy
+) -> None:
+    origin = foreign.event_group[0].envelope.origin
+    set_geographic(origin.position_and_accuracy, 2.2, 48.8)
+    origin.orientation_and_accuracy.euler_vehicle.yaw.value = 9000
+    vehicle.euler_event_group.yaw.value = 9000  # north by the group, so west
+
+    assert east_north(read(foreign)) == pytest.approx((-30.0, -4.0), abs=1e-3)
+
+
 @given(
     yaw=st.integers(0, 35999),
     pitch=st.integers(-8900, 8900),

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
@@ -404,9 +404,19 @@ def test_what_would_be_refused_is_not_sent(
     assert sending.value.reason == checking.value.reason == reason
 
 
+@pytest.mark.parametrize("side", ["for", "against"])
+def test_a_weight_out_of_range_is_named_by_its_side(report_of: Callable[..., ReportMessage], side: str) -> None:
+    with pytest.raises(WireError, match=f"the evidence {side} weighs -1, expected 0 to 1000"):
+        check_pass(report_of(**{f"weight_{side}": -1.0}).passes[0])
+
+
 def test_a_sound_pass_passes_the_check(a_pass: PassReport) -> None:
     check_pass(a_pass)
     check_pass(replace(a_pass, ended_at=a_pass.started_at, started_at=a_pass.started_at - timedelta(days=3)))
+    here = timezone(timedelta(hours=2))
+    check_pass(
+        replace(a_pass, started_at=a_pass.started_at.astimezone(here), ended_at=a_pass.ended_at.astimezone(here))
+    )
 
 
 def test_every_reason_is_documented() -> None:

@@ -154,6 +154,10 @@ def test_map_versions_by_number_and_sensors_by_source(foreign: Message) -> None:
     assert report.map_identity.version == "2026.5"
     assert (report.sensor_model, report.software_version) == ("camera-x", "r7")
 
+    entity.ClearField("type")
+    entity.primary_id.value = "serial-4711"
+    assert decode_message(foreign).sensor_model == "serial-4711"
+
 
 def test_signs_that_we_do_not_know_are_not_recognised_and_text_is_a_value(foreign: Message) -> None:
     sign = sign_of(foreign)
