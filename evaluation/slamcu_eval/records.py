@@ -11,12 +11,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from slamcu_core.errors import FormatError
 from slamcu_core.filter import FeatureEstimate
 from slamcu_eval.highway import Drive
-from slamcu_eval.score import Claim, Fact, Score
+from slamcu_eval.score import Claim, Fact, Score, mahalanobis_square
 
 NOTHING = "nothing"  # the truth behind a claim of a new feature that stands for nothing
 
@@ -73,7 +71,7 @@ def feature_records(
                 **_seen(drive, index),
                 **_masses(None if claimed is None else estimates[claimed]),
                 position_error_m=None if match is None else match.error_m,
-                mahalanobis_square=None if match is None else mahalanobis_square(fact, claims[match.claim]),
+                mahalanobis_square=None if match is None else mahalanobis_square(fact.place, claims[match.claim]),
                 oracle_error_m=oracle.get(index),
             )
         )
@@ -120,15 +118,6 @@ def _false_new(number: int, estimate: FeatureEstimate) -> FeatureRecord:
         mahalanobis_square=None,
         oracle_error_m=None,
     )
-
-
-def mahalanobis_square(fact: Fact, claim: Claim) -> float | None:
-    """Return the squared distance of a true place from a claim in the claim's own covariance; None without one."""
-    if claim.covariance is None:
-        return None
-    xx, xy, yy = claim.covariance
-    delta = np.array(fact.place) - np.array(claim.place)
-    return float(delta @ np.linalg.solve(np.array([[xx, xy], [xy, yy]]), delta))
 
 
 def write_records(path: Path, records: Iterable[FeatureRecord]) -> None:

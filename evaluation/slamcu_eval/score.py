@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from slamcu_core.errors import SlamcuError
+from slamcu_core.geometry import mahalanobis_square as squared
 from slamcu_eval.statistics import summarize
 
 Array = NDArray[np.float64]
@@ -130,16 +131,24 @@ def _match(facts: Sequence[Fact], claims: Sequence[Claim], radius_m: float) -> t
     return tuple(matches)
 
 
-def inside_ellipse(place: Place, claim: Claim) -> bool | None:
-    """Tell whether a true place lies in the 95 % ellipse of a claim; None if the claim has no covariance."""
+def mahalanobis_square(place: Place, claim: Claim) -> float | None:
+    """Return the squared distance of a true place from a claim in the claim's own covariance.
+
+    None if the claim has no covariance; infinite if that is not positive definite.
+    """
     if claim.covariance is None:
         return None
     xx, xy, yy = claim.covariance
-    dx, dy = place[0] - claim.place[0], place[1] - claim.place[1]
-    determinant = xx * yy - xy * xy
-    if determinant <= 0:
-        return False
-    return bool((yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / determinant <= _CHI2_95)
+    if xx * yy - xy * xy <= 0.0:
+        return float("inf")
+    square, _ = squared(np.array(place) - np.array(claim.place), np.array(claim.covariance))
+    return float(square)
+
+
+def inside_ellipse(place: Place, claim: Claim) -> bool | None:
+    """Tell whether a true place lies in the 95 % ellipse of a claim; None if the claim has no covariance."""
+    square = mahalanobis_square(place, claim)
+    return None if square is None else square <= _CHI2_95
 
 
 def _never_in_view(fact: Fact, claims: Sequence[Claim], by_id: dict[int | None, int]) -> bool:
