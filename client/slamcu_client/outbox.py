@@ -218,38 +218,28 @@ class Outbox:
         with self._database.transaction() as db:
             db.execute("UPDATE messages SET put_off = put_off + 1 WHERE session_id = ? AND message_id = ?", key)
 
-    def acknowledge(self, keys: Iterable[MessageKey]) -> None:
-        """Forget messages that the server has taken; keys that are no longer there are passed over."""
-        with self._database.transaction() as db:
-            self._acknowledge(db, keys)
+    def settle(self, acknowledged: Iterable[MessageKey], rejected: Iterable[tuple[MessageKey, str, str]] = ()) -> None:
+        """Act on what one answer speaks of, all of it or nothing.
 
-    def settle(self, acknowledged: Iterable[MessageKey], rejected: Iterable[tuple[MessageKey, str, str]]) -> None:
-        """Acknowledge and reject what one answer speaks of, in one transaction; rejected: (key, reason, detail)."""
+        Parameters
+        ----------
+        acknowledged : messages that the server has taken: they are forgotten.
+        rejected : messages that it refused, each with reason and detail: they move to the table of rejected ones, which
+            keeps the newest few. Keys that are no longer there are passed over.
+        """
         with self._database.transaction() as db:
-            self._acknowledge(db, acknowledged)
+            done = sum(_delete(db, key) for key in acknowledged)
+            db.execute("UPDATE totals SET acknowledged = acknowledged + ?", (done,))
             for key, reason, detail in rejected:
                 self._reject(db, key, reason, detail)
 
-    def reject(self, key: MessageKey, reason: str, detail: str = "") -> None:
-        """Move a message that the server refused to the table of rejected ones, which keeps the newest few."""
-        with self._database.transaction() as db:
-            self._reject(db, key, reason, detail)
-
-    @staticmethod
-    def _acknowledge(db: sqlite3.Connection, keys: Iterable[MessageKey]) -> None:
-        done = sum(
-            db.execute("DELETE FROM messages WHERE session_id = ? AND message_id = ?", key).rowcount for key in keys
-        )
-        db.execute("UPDATE totals SET acknowledged = acknowledged + ?", (done,))
-
     def _reject(self, db: sqlite3.Connection, key: MessageKey, reason: str, detail: str) -> None:
-        moved = db.execute(
+        db.execute(
             "INSERT INTO rejected (session_id, message_id, body, reason, detail, rejected_at)"
             " SELECT session_id, message_id, body, ?, ?, ? FROM messages WHERE session_id = ? AND message_id = ?",
             (reason, detail, datetime.now(UTC).isoformat(), *key),
-        ).rowcount
-        db.execute("DELETE FROM messages WHERE session_id = ? AND message_id = ?", key)
-        db.execute("UPDATE totals SET rejected = rejected + ?", (moved,))
+        )
+        db.execute("UPDATE totals SET rejected = rejected + ?", (_delete(db, key),))
         db.execute(
             "DELETE FROM rejected WHERE sequence <= (SELECT max(sequence) FROM rejected) - ?", (self._max_rejected,)
         )
@@ -274,3 +264,7 @@ class Outbox:
         with self._database.reading() as db:
             row = db.execute("SELECT pending, pending_bytes, acknowledged, rejected, dropped FROM totals").fetchone()
         return OutboxStats(*row)
+
+
+def _delete(db: sqlite3.Connection, key: MessageKey) -> int:
+    return db.execute("DELETE FROM messages WHERE session_id = ? AND message_id = ?", key).rowcount

@@ -42,7 +42,7 @@ def test_ids_rise_from_one_within_each_session(tmp_path: Path) -> None:
 
 def test_ids_go_on_after_acknowledgement_and_reopening(tmp_path: Path) -> None:
     with Outbox(tmp_path / "o") as outbox:
-        outbox.acknowledge(put(outbox, 3))
+        outbox.settle(put(outbox, 3))
         assert outbox.pending() == []
     with Outbox(tmp_path / "o") as outbox:
         assert outbox.put("s", [body]) == [4]
@@ -123,7 +123,7 @@ def test_the_next_batch_is_found_by_index_and_not_by_sorting_all_that_waits(tmp_
 def test_rejected_messages_are_kept_with_their_reasons_and_bounded(tmp_path: Path) -> None:
     with Outbox(tmp_path / "o", max_rejected=2) as outbox:
         for key in put(outbox, 4)[:3]:
-            outbox.reject(key, "bad-position", f"number {key.message_id}")
+            outbox.settle([], [(key, "bad-position", f"number {key.message_id}")])
         assert [(r.key.message_id, r.body, r.reason, r.detail) for r in outbox.rejected()] == [
             (3, b"message 3", "bad-position", "number 3"),
             (2, b"message 2", "bad-position", "number 2"),
@@ -241,11 +241,11 @@ def test_every_message_is_accounted_for(steps: list[tuple[str, int]]) -> None:
             if step == "put":
                 total += len(outbox.put("s", [body] * count))
             elif step == "ack":
-                outbox.acknowledge(waiting[:count])
-                outbox.acknowledge(waiting[:count])  # again: nothing more happens
+                outbox.settle(waiting[:count])
+                outbox.settle(waiting[:count])  # again: nothing more happens
             elif step == "reject":
-                for key in waiting[:count]:
-                    outbox.reject(key, "bad")
+                for _ in range(2):
+                    outbox.settle([], [(key, "bad", "") for key in waiting[:count]])
             stats = outbox.stats()
             assert stats.pending == len(outbox.pending())
             assert stats.pending_bytes == sum(len(message.body) for message in outbox.pending())
