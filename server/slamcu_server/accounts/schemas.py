@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 
+from slamcu_server.accounts.times import TimesTold
+
 
 class Role(StrEnum):
     """What an account may do."""
@@ -41,6 +43,11 @@ class Principal:
     label: str
     key_id: str
     scope: MapScope = ALL_MAPS
+
+    @property
+    def times(self) -> TimesTold:
+        """How exactly it is told when vehicles were where."""
+        return TimesTold(exact=self.role is Role.ADMIN)
 
 
 @dataclass(frozen=True, slots=True)

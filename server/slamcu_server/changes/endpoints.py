@@ -67,7 +67,7 @@ async def get_changes(
         latest=latest,
     )
     parameters = [(name, value) for name, value in request.query_params.multi_items() if name != "after"]
-    return JSONResponse(await service.feed_page(connection, query, parameters))
+    return JSONResponse(await service.feed_page(connection, query, parameters, provider.times))
 
 
 @router.get("/{change_id}", response_model=ExplainedChange, responses=responses(404))
@@ -76,7 +76,11 @@ async def get_change(
     connection: ReadTransaction,
     change_id: ChangeId,
     as_of: Annotated[
-        AwareDatetime | None, Query(description="Explain the evidence as of this time, as far as it is still kept.")
+        AwareDatetime | None,
+        Query(
+            description="Explain the evidence as of this time, as far as it is still kept; as of the end of the hour "
+            "that it lies in, unless an admin asks."
+        ),
     ] = None,
 ) -> JSONResponse:
     """Explain a change: as last published, the evidence behind it as it is now, and what would turn it.
@@ -85,7 +89,8 @@ async def get_change(
     The `ETag` names the revision: send it as `If-Match` with a review.
     """
     change = await service.find_change(connection, provider.scope, change_id)
-    return JSONResponse(await service.explain_change(connection, change, as_of), headers={"ETag": change.etag})
+    explained = await service.explain_change(connection, change, provider.times, as_of)
+    return JSONResponse(explained, headers={"ETag": change.etag})
 
 
 @router.post("/{change_id}/review", response_model=Change, responses=responses(404, 409, 412, 428))
@@ -101,4 +106,4 @@ async def post_review(
     """Accept a change, which makes the next version of the map, or reject it with a reason."""
     policy = load_policy(request.app.state.settings.policy_file)
     change = await reviewing.review(engine, policy, change_id, decision, if_match=if_match, reviewer=provider)
-    return JSONResponse(service.present_change(change), headers={"ETag": change.etag})
+    return JSONResponse(service.present_change(change, provider.times), headers={"ETag": change.etag})

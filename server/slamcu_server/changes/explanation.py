@@ -23,6 +23,7 @@ from slamcu_core.aggregation import (
     fades_at,
     fold,
 )
+from slamcu_server.accounts.times import TimesTold
 from slamcu_server.aggregation.evidence import covariances, frame_at, fuse_place, moment, witnesses
 from slamcu_server.aggregation.passes import StoredPass
 from slamcu_server.changes.document import evidence, timestamp
@@ -49,7 +50,7 @@ def pseudonym(salt: bytes, contributor: int) -> str:
     return hmac.new(salt, str(contributor).encode(), hashlib.sha256).hexdigest()[:_PSEUDONYM_DIGITS]
 
 
-def explain(case: Case, salt: bytes, as_of: datetime) -> dict[str, Any]:
+def explain(case: Case, salt: bytes, as_of: datetime, times: TimesTold) -> dict[str, Any]:
     """Return the evidence behind a change as of a time: contributions, F and A after each, and what would flip it.
 
     Passes that ended later are left out; what is there is decayed to that time.
@@ -60,20 +61,23 @@ def explain(case: Case, salt: bytes, as_of: datetime) -> dict[str, Any]:
     state = _fold(case, parts)
     folds = frozenset((step.contributor, step.time) for step in state.steps)
     fades = fades_at(state, case.policy, case.side, case.policy.leave) if state.standing else None
+    last = moment(state.last_informative)
+    # decayed from the time that is told: how much is left would tell the other one
+    shown = state if last is None else replace(state, last_informative=times.round(last).timestamp())
     return {
         "as_of": timestamp(as_of),
         "speaks_for": case.side.value,
         "stands": state.standing and (fades is None or now < fades),
-        "stood_since": timestamp(moment(state.stood_since)),
-        "fades_at": timestamp(moment(fades)),
+        "stood_since": times.text(moment(state.stood_since)),
+        "fades_at": times.text(moment(fades)),
         "contributors_for": state.contributors_for,
         "contributors_against": state.contributors_against,
-        "evidence_now": evidence(*decayed(state, now, case.policy)),
+        "evidence_now": evidence(*decayed(shown, now, case.policy)),
         "prior_weight": case.prior_weight,
-        "contributions": [_contribution(case, part, salt, folds) for part in parts],
+        "contributions": [_contribution(case, part, salt, folds, times) for part in parts],
         "course": [
             {
-                "time": timestamp(moment(step.time)),
+                "time": times.text(moment(step.time)),
                 "vehicle": pseudonym(salt, step.contributor),
                 "standing": step.standing,
                 **evidence(step.weight_for, step.weight_against),
@@ -126,7 +130,9 @@ def _fold(case: Case, parts: Iterable[Contribution]) -> FoldedState:
     return fold(parts, prior_weight=case.prior_weight, policy=case.policy, side=case.side)
 
 
-def _contribution(case: Case, part: Contribution, salt: bytes, folds: frozenset[tuple[int, float]]) -> dict[str, Any]:
+def _contribution(
+    case: Case, part: Contribution, salt: bytes, folds: frozenset[tuple[int, float]], times: TimesTold
+) -> dict[str, Any]:
     mine = [
         item
         for item in case.passes
@@ -134,7 +140,7 @@ def _contribution(case: Case, part: Contribution, salt: bytes, folds: frozenset[
     ]
     return {
         "vehicle": pseudonym(salt, part.contributor),
-        "time": timestamp(moment(part.time)),
+        "time": times.text(moment(part.time)),
         "weight_for": part.weight_for,
         "weight_against": part.weight_against,
         "informativeness": part.informativeness,

@@ -156,7 +156,7 @@ class Change(Evidence):
     )
     contributors_against: int
     passes: int
-    first_seen: datetime | None
+    first_seen: datetime | None = Field(description="This, and what else vehicles did, is told to the hour.")
     last_seen: datetime | None
     last_looked: datetime | None
     confirmed_at: datetime | None = Field(description="Since when the evidence stands, in the time of the reports.")
@@ -196,7 +196,7 @@ class Contribution(BaseModel):
     """What one vehicle reported within one hour, discounted once."""
 
     vehicle: str = Field(description="A pseudonym that holds within this change only.")
-    time: datetime
+    time: datetime = Field(description="The hour; admins are told the second.")
     weight_for: float
     weight_against: float
     informativeness: float = Field(description="0: saw nothing; 1: leaves no doubt.")

@@ -13,27 +13,42 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 from slamcu_core.aggregation import Policy, Side
 from slamcu_core.evidence import support
 from slamcu_server.accounts.schemas import MapScope
+from slamcu_server.accounts.times import TimesTold
 from slamcu_server.aggregation import reads
 from slamcu_server.aggregation.passes import StoredPass
 from slamcu_server.changes import repository
+from slamcu_server.changes.document import Document
 from slamcu_server.changes.explanation import Case, explain
 from slamcu_server.changes.repository import FeedQuery, StoredChange
 from slamcu_server.problems import Problem
 from slamcu_server.trust.table import trusting
 
-
-def present(change_id: int, kind: str, state: str, revision: int, document: dict[str, Any]) -> dict[str, Any]:
-    """Return the document of a change with what identifies it."""
-    return {"id": change_id, "kind": kind, "state": state, "revision": revision, **document}
+_TIMES = ("first_seen", "last_seen", "last_looked", "first_evidence", "confirmed_at")  # of a document
 
 
-def present_change(change: StoredChange) -> dict[str, Any]:
+def present(identity: dict[str, Any], document: Document, times: TimesTold) -> dict[str, Any]:
+    """Return the document of a change with what identifies it, and its times as they are told."""
+    halves = {name: _told(document[name], times) for name in ("from", "to") if document.get(name)}
+    return {**identity, **_told(document, times), **halves}
+
+
+def _told(document: Document, times: TimesTold) -> Document:
+    return {**document, **{name: times.text(document[name]) for name in _TIMES if name in document}}
+
+
+def present_change(change: StoredChange, times: TimesTold) -> dict[str, Any]:
     """Return the document of a change as it is now."""
-    return present(change.id, change.kind.value, change.state.value, change.revision, change.document)
+    identity = {
+        "id": change.id,
+        "kind": change.kind.value,
+        "state": change.state.value,
+        "revision": change.revision,
+    }
+    return present(identity, change.document, times)
 
 
 async def feed_page(
-    connection: AsyncConnection, query: FeedQuery, parameters: Sequence[tuple[str, str]]
+    connection: AsyncConnection, query: FeedQuery, parameters: Sequence[tuple[str, str]], times: TimesTold
 ) -> dict[str, Any]:
     """Return a page of the feed; `parameters` are those of the request that its `next` link repeats."""
     newest = await repository.last_sequence(connection)
@@ -47,7 +62,11 @@ async def feed_page(
             {
                 "sequence": row.sequence,
                 "said_at": row.created_at.isoformat(),
-                "change": present(row.change_id, row.kind, row.state, row.revision, row.document),
+                "change": present(
+                    {"id": row.change_id, "kind": row.kind, "state": row.state, "revision": row.revision},
+                    row.document,
+                    times,
+                ),
             }
             for row in rows
         ],
@@ -65,14 +84,14 @@ async def find_change(connection: AsyncConnection, scope: MapScope, change_id: i
 
 
 async def explain_change(
-    connection: AsyncConnection, change: StoredChange, as_of: datetime | None = None
+    connection: AsyncConnection, change: StoredChange, times: TimesTold, as_of: datetime | None = None
 ) -> dict[str, Any]:
     """Return a change with the evidence behind it, as of a time (now, if none is given)."""
-    now = as_of or datetime.now(UTC)
+    now = datetime.now(UTC) if as_of is None else times.until(as_of)
     history = await repository.list_history(connection, change.id)
-    explained = [explain(case, change.salt, now) for case in await _cases(connection, change)]
+    explained = [explain(case, change.salt, now, times) for case in await _cases(connection, change)]
     return {
-        **present_change(change),
+        **present_change(change, times),
         "evidence": explained[0],
         "evidence_from": explained[1] if len(explained) > 1 else None,
         "history": [

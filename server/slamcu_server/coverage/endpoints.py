@@ -37,6 +37,6 @@ async def get_coverage(
     ] = None,
 ) -> JSONResponse:
     """Tell what the fleet has looked at, by tile: what is verified need not be surveyed again."""
-    since = since or datetime.now(UTC) - _SINCE
+    since = provider.times.round(since or datetime.now(UTC) - _SINCE)
     query = CoverageQuery(map_source, zoom, BoundingBox.parse(bbox), since, TILES_MAX, provider.scope)
-    return JSONResponse(await service.coverage(connection, query))
+    return JSONResponse(await service.coverage(connection, query, provider.times))

@@ -6,6 +6,7 @@ from typing import Any
 
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from slamcu_server.accounts.times import TimesTold
 from slamcu_server.changes.document import timestamp
 from slamcu_server.coverage import repository
 from slamcu_server.coverage.repository import CoverageQuery
@@ -14,7 +15,7 @@ from slamcu_server.maps.tiles import tile_at, tile_bounds
 from slamcu_server.problems import Problem
 
 
-async def coverage(connection: AsyncConnection, query: CoverageQuery) -> dict[str, Any]:
+async def coverage(connection: AsyncConnection, query: CoverageQuery, times: TimesTold) -> dict[str, Any]:
     """Return the coverage of a map; answer 404 if there is no such map, 422 if the box has too many tiles."""
     await find_version(connection, query.scope, query.map_source)
     tiles = _tiles(query)
@@ -38,8 +39,8 @@ async def coverage(connection: AsyncConnection, query: CoverageQuery) -> dict[st
                 "contradicted": row.contradicted,
                 "never_looked": row.never_looked,
                 "always_hidden": row.never_seen_past,
-                "oldest_look": timestamp(row.oldest_look),
-                "newest_look": timestamp(row.newest_look),
+                "oldest_look": times.text(row.oldest_look),
+                "newest_look": times.text(row.newest_look),
                 "looks": row.looks,
                 "could_not_see": row.could_not_see,
             }

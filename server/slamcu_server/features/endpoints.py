@@ -37,9 +37,10 @@ async def get_features(
 ) -> JSONResponse:
     """List the features of a map's current version with when they were last looked at and seen, and how often."""
     box = None if bbox is None else BoundingBox.parse(bbox)
-    query = LookQuery(map_source, box, not_looked_since, after, limit, provider.scope)
+    since = None if not_looked_since is None else provider.times.round(not_looked_since)
+    query = LookQuery(map_source, box, since, after, limit, provider.scope)
     parameters = [(name, value) for name, value in request.query_params.multi_items() if name != "after"]
-    return JSONResponse(await service.look_page(connection, query, parameters))
+    return JSONResponse(await service.look_page(connection, query, parameters, provider.times))
 
 
 @router.get("/features/{feature_id}", response_model=Feature, responses=responses(404))
@@ -47,7 +48,7 @@ async def get_feature(
     provider: Provider, connection: ReadTransaction, feature_id: Annotated[int, Path(ge=1, le=_ID_MAX)]
 ) -> JSONResponse:
     """Read a map feature: the evidence about it as it stands now, the map's versions of it, and its changes."""
-    return JSONResponse(await service.find_feature(connection, provider.scope, feature_id))
+    return JSONResponse(await service.find_feature(connection, provider, feature_id))
 
 
 @router.get(

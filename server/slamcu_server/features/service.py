@@ -13,7 +13,8 @@ from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.aggregation import Policy, kept_at
 from slamcu_core.evidence import support
-from slamcu_server.accounts.schemas import MapScope
+from slamcu_server.accounts.schemas import MapScope, Principal
+from slamcu_server.accounts.times import TimesTold
 from slamcu_server.changes.document import evidence, timestamp
 from slamcu_server.changes.repository import find_policy
 from slamcu_server.features import repository
@@ -22,10 +23,10 @@ from slamcu_server.maps.service import find_version
 from slamcu_server.problems import Problem
 
 
-async def find_feature(connection: AsyncConnection, scope: MapScope, feature_id: int) -> dict[str, Any]:
-    """Return the document of a feature; answer 404 if there is none in the scope."""
+async def find_feature(connection: AsyncConnection, reader: Principal, feature_id: int) -> dict[str, Any]:
+    """Return the document of a feature; answer 404 if there is none in the reader's scope."""
     row = await repository.find_feature(connection, feature_id)
-    if row is None or row.source not in scope:
+    if row is None or row.source not in reader.scope:
         raise Problem(404, "unknown-feature", f"there is no feature {feature_id}")
     policy = None if row.state_of is None else await find_policy(connection, row.policy_version)
     versions = await repository.list_versions(connection, feature_id)
@@ -35,14 +36,14 @@ async def find_feature(connection: AsyncConnection, scope: MapScope, feature_id:
         "map": row.source,
         "object_id": row.object_id,
         "in_map": row.to_sequence is None,
-        "standing": _standing(row, policy or Policy(), datetime.now(UTC)),
+        "standing": _standing(row, policy or Policy(), datetime.now(UTC), reader.times),
         "versions": [_version(version) for version in versions],
         "changes": [{"id": change.id, "kind": change.kind, "state": change.state} for change in changes],
     }
 
 
 async def look_page(
-    connection: AsyncConnection, query: LookQuery, parameters: Sequence[tuple[str, str]]
+    connection: AsyncConnection, query: LookQuery, parameters: Sequence[tuple[str, str]], times: TimesTold
 ) -> dict[str, Any]:
     """Return a page of features with when they were looked at; answer 404 if there is no such map."""
     await find_version(connection, query.scope, query.map_source)
@@ -61,8 +62,8 @@ async def look_page(
                 "sign": row.sign,
                 "value": row.value,
                 "geometry": {"type": "Point", "coordinates": [row.lon, row.lat]},
-                "last_looked": timestamp(row.last_looked),
-                "last_seen": timestamp(row.last_seen),
+                "last_looked": times.text(row.last_looked),
+                "last_seen": times.text(row.last_seen),
                 "looked": row.looked,
                 "could_not_see": row.could_not_see,
                 "stands_against": row.stands_against and (row.fades_at is None or now < row.fades_at),
@@ -82,12 +83,13 @@ async def find_id(connection: AsyncConnection, scope: MapScope, source: str, obj
     return found
 
 
-def _standing(row: Row[Any], policy: Policy, as_of: datetime) -> dict[str, Any]:
+def _standing(row: Row[Any], policy: Policy, as_of: datetime, times: TimesTold) -> dict[str, Any]:
     if row.state_of is None:
         prior = float(support(row.existence_confidence))
         return {"as_of": timestamp(as_of), **evidence(prior, 0.0), **_NOBODY}
     rules = policy.for_class(row.feature_class)
-    last = None if row.last_informative is None else row.last_informative.timestamp()
+    # decayed from the time that is told: how much is left would tell the other one
+    last = None if row.last_informative is None else times.round(row.last_informative).timestamp()
     kept = kept_at(last, as_of.timestamp(), rules)
     return {
         "as_of": timestamp(as_of),
@@ -100,8 +102,8 @@ def _standing(row: Row[Any], policy: Policy, as_of: datetime) -> dict[str, Any]:
         "blocked": row.blocked,
         "looked_ever": row.looked + row.forgotten_looked,
         "could_not_see_ever": row.blocked + row.forgotten_blocked,
-        "last_looked": timestamp(row.last_looked),
-        "last_seen": timestamp(row.last_seen),
+        "last_looked": times.text(row.last_looked),
+        "last_seen": times.text(row.last_seen),
         "policy_version": row.policy_version,
     }
 

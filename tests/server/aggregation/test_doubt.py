@@ -11,6 +11,8 @@ import pytest
 
 from slamcu_core.aggregation import ClassPolicy, Policy
 from slamcu_core.reports import PassReport
+from slamcu_server.accounts.schemas import ALL_MAPS
+from slamcu_server.accounts.times import TimesTold
 from slamcu_server.aggregation import rebuild
 from slamcu_server.aggregation.worker import drain
 from slamcu_server.changes import service
@@ -155,9 +157,8 @@ async def test_an_explanation_tells_who_doubted_and_whether_it_counts(road: Any,
     await road.fuse()
     [change] = [one for one in await road.changes() if one.document["map_object_id"] == GONE[0]]
     async with road.engine.connect() as connection:
-        told = await service.explain_change(
-            connection, await service.find_change(connection, change.id), reports.at(12.0)
-        )
+        stored = await service.find_change(connection, ALL_MAPS, change.id)
+        told = await service.explain_change(connection, stored, TimesTold(), reports.at(12.0))
     parts = told["evidence"]["contributions"]
     assert [one["in_doubt"] for one in parts] == [True] * 4 + [False, True]
     assert [one["folds"] for one in parts] == [True] * 5 + [False]
