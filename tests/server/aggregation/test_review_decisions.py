@@ -11,10 +11,15 @@ from typing import Any
 
 import httpx
 import pytest
+from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncEngine
 
+from slamcu_core.hd_map import MapIdentity
+from slamcu_core.reports import ReportMessage
+from slamcu_core.sensoris import encode_batch
 from slamcu_server.aggregation import rebuild
 from slamcu_server.aggregation.locks import lock_maps
+from slamcu_server.database import transactions
 from slamcu_server.maps.importer import import_map
 from slamcu_server.retraction.marks import hold_alone
 
@@ -271,3 +276,42 @@ async def test_reviews_and_retractions_that_wait_for_an_import_give_up_and_nothi
         assert answer.headers["retry-after"]
         assert answer.json()["type"] == "urn:slamcu:problem:database-unavailable"
     assert (await review(client, provider, 1, decision="reject", reason="x")).status_code == 200
+
+
+async def test_decisions_that_wait_leave_connections_to_reads_and_reports(
+    *,
+    town: Any,
+    reports: Any,
+    client: httpx.AsyncClient,
+    vehicle: Headers,
+    provider: Headers,
+    engine: AsyncEngine,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(transactions, "_LOCK_TIMEOUT", text("SET LOCAL lock_timeout = '60s'"))
+    monkeypatch.setattr(transactions, "_PATIENCE_S", 60)
+    await confirm_new(town, reports)
+    etag = (await client.get("/v1/changes/1", headers=provider)).headers["etag"]
+    seen = reports.seen(1, hours=1.0)
+    body = encode_batch([ReportMessage("s", 1, (seen,), map_identity=MapIdentity("town", "2026.05"))])
+    told = vehicle | {"Content-Type": "application/x-protobuf"}
+    async with engine.begin() as connection:
+        await lock_maps(connection)
+        headers, decision = provider | {"If-Match": etag}, {"decision": "reject", "reason": "x"}
+        url = "/v1/changes/1/review"
+        waiting = [asyncio.create_task(client.post(url, json=decision, headers=headers)) for _ in range(12)]
+        for _ in range(200):
+            await asyncio.sleep(0.05)
+            if await connection.scalar(_WAITING) >= 3:
+                break
+        await asyncio.sleep(1.0)  # for more of them to wait, if they may
+        beside = [client.get("/v1/maps", headers=provider) for _ in range(20)]
+        beside += [client.post("/v1/data-messages", content=body, headers=told) for _ in range(5)]
+        answers = await asyncio.wait_for(asyncio.gather(*beside), 8)
+        assert {answer.status_code for answer in answers} == {200, 202}
+        assert not any(task.done() for task in waiting)
+        assert await connection.scalar(_WAITING) == 3
+    assert sorted(answer.status_code for answer in await asyncio.gather(*waiting)) == [200, *11 * [412]]
+
+
+_WAITING = text("SELECT count(*) FROM pg_locks WHERE locktype = 'advisory' AND NOT granted")
