@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -92,6 +92,49 @@ async def test_a_table_in_use_is_not_waited_for_forever(engine: AsyncEngine, mon
         await reader.execute(text("SELECT count(*) FROM accounts"))
         with pytest.raises(SlamcuError, match=r"changed nothing: .*lock timeout"):
             await migrate.downgrade(engine, "base")
+    await migrate.require_head(engine)
+
+
+@pytest.fixture
+def two_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Two further migrations: one that changes the largest table, and one that needs another table."""
+    copied = tmp_path / "migrations"
+    shutil.copytree(migrate.migrations_dir(), copied)
+    before = migrate.head()
+    for revision, statement in (
+        ("9001", "ALTER TABLE passes ADD COLUMN further text"),
+        ("9002", "ALTER TABLE accounts ADD COLUMN further text"),
+    ):
+        (copied / "versions" / f"{revision}_further.py").write_text(
+            f"from alembic import op\nrevision, down_revision = {revision!r}, {before!r}\n"
+            f"def upgrade():\n    op.execute({statement!r})\n"
+        )
+        before = revision
+    monkeypatch.setattr(migrate, "migrations_dir", lambda: copied)
+    migrate.head.cache_clear()
+    yield
+    migrate.head.cache_clear()
+
+
+@pytest.mark.usefixtures("two_more")
+async def test_a_migration_that_waits_or_fails_holds_nothing_of_those_before_it(
+    engine: AsyncEngine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(migrate, "_LOCK_TIMEOUT", "3s")
+    async with engine.begin() as reader, engine.connect() as other:
+        await reader.execute(text("SELECT count(*) FROM accounts"))
+        migrating = asyncio.create_task(migrate.upgrade(engine))
+        for _ in range(100):
+            await asyncio.sleep(0.02)
+            if await other.scalar(text("SELECT EXISTS (SELECT FROM pg_locks WHERE NOT granted)")):
+                break
+        await other.execute(text("SET LOCAL lock_timeout = '1s'"))
+        assert await other.scalar(text("SELECT count(further) FROM passes")) == 0
+        with pytest.raises(SlamcuError, match=r"from 9001 failed and changed nothing: .*lock timeout"):
+            await migrating
+    with pytest.raises(SlamcuError, match="at revision 9001, this server needs 9002"):
+        await migrate.require_head(engine)
+    await asyncio.gather(migrate.upgrade(engine), migrate.upgrade(engine))
     await migrate.require_head(engine)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from functools import cache
 from pathlib import Path
 
@@ -61,25 +62,52 @@ async def current(connection: AsyncConnection) -> str | None:
     return await connection.run_sync(lambda sync: MigrationContext.configure(sync).get_current_revision())
 
 
-async def _migrate(engine: AsyncEngine, step: Callable[[Config], None]) -> None:
+def _next(sync: Connection, target: str) -> str | None:
+    """Return the revision that follows the database's on the way up to `target`; None at its end."""
+    found = MigrationContext.configure(sync).get_current_revision()
+    script = ScriptDirectory.from_config(config())
+    ahead = [step.revision for step in script.iterate_revisions(target, found or "base")]
+    return ahead[-1] if ahead else None
+
+
+def _step(sync: Connection, target: str) -> str | None:
+    """Take the database one revision up, and return which; None if there is nothing left to do."""
+    revision = _next(sync, target)
+    if revision is not None:
+        command.upgrade(config(sync), revision)
+    return revision
+
+
+@asynccontextmanager
+async def _alone(engine: AsyncEngine) -> AsyncIterator[AsyncConnection]:
+    """Begin a transaction in which nobody else migrates; raise MigrationError if a statement of it fails."""
     try:
         async with engine.begin() as connection:
-            # Whoever comes second waits here, without a timeout, and then finds nothing left to do.
+            # Whoever comes second waits here, without a timeout, and then goes on from where the first has come to.
             await connection.execute(text("SELECT pg_advisory_xact_lock(:lock)"), {"lock": _LOCK})
             await connection.execute(text(f"SET LOCAL lock_timeout = '{_LOCK_TIMEOUT}'"))
-            await connection.run_sync(lambda sync: step(config(sync)))
+            yield connection
     except DBAPIError as error:
         if error.connection_invalidated:
             raise
-        raise MigrationError(f"the migration failed and changed nothing: {str(error.orig).splitlines()[0]}") from error
+        async with engine.connect() as connection:
+            revision = await current(connection)
+        reason = str(error.orig).splitlines()[0]
+        raise MigrationError(
+            f"the migration from {revision or 'nothing'} failed and changed nothing: {reason}"
+        ) from error
 
 
 async def upgrade(engine: AsyncEngine, revision: str = "head") -> None:
-    """Bring the database up to `revision` in one transaction; safe while other processes do the same.
+    """Bring the database up to `revision`, one transaction a migration; safe while other processes do the same.
 
-    Raises MigrationError if a step fails, with nothing changed.
+    Raises MigrationError if one fails, which changes nothing; those before it stay, and the next call goes on there.
     """
-    await _migrate(engine, lambda configuration: command.upgrade(configuration, revision))
+    # Each by itself: a table that one has locked is not held while the next waits for another, or fills it.
+    done: str | None = ""
+    while done is not None:
+        async with _alone(engine) as connection:
+            done = await connection.run_sync(_step, revision)
 
 
 async def downgrade(engine: AsyncEngine, revision: str) -> None:
@@ -87,7 +115,8 @@ async def downgrade(engine: AsyncEngine, revision: str) -> None:
 
     Raises MigrationError if a step fails, with nothing changed.
     """
-    await _migrate(engine, lambda configuration: command.downgrade(configuration, revision))
+    async with _alone(engine) as connection:
+        await connection.run_sync(lambda sync: command.downgrade(config(sync), revision))
 
 
 async def write_revision(engine: AsyncEngine, message: str) -> Path:
