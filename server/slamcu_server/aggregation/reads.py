@@ -70,7 +70,9 @@ async def anchors(connection: AsyncConnection, ids: Iterable[int]) -> list[tuple
 
 async def reported_features(connection: AsyncConnection) -> set[int]:
     """Return the features about which anything is believed beyond what the map says."""
-    query = "SELECT feature_id FROM feature_states UNION SELECT feature_id FROM passes WHERE feature_id IS NOT NULL"
+    query = f"""
+        SELECT feature_id FROM feature_states
+        UNION SELECT feature_id FROM passes p WHERE feature_id IS NOT NULL AND {_COUNTS}"""  # noqa: S608  (constants)
     return {row.feature_id for row in await connection.execute(text(query))}
 
 

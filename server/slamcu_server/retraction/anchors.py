@@ -8,6 +8,7 @@ as a watch feature only, the first of them becomes the find that it would have b
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import dataclass
 
 from sqlalchemy import Row, text
 from sqlalchemy.ext.asyncio import AsyncConnection
@@ -18,7 +19,7 @@ _LOST = text("""
     WHERE p.id = ANY(CAST(:passes AS bigint[])) AND p.retraction_id IS NOT NULL AND c.feature_id IS NULL
     ORDER BY c.id""")
 _HEIR = """
-    SELECT p.id FROM passes p JOIN messages m ON m.id = p.message
+    SELECT p.id, p.map_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat FROM passes p JOIN messages m ON m.id = p.message
     WHERE {whose} AND p.feature_id IS NULL AND p.retraction_id IS NULL AND NOT p.archived
       AND p.valid AND p.geom IS NOT NULL
       AND NOT EXISTS (SELECT FROM candidates c WHERE c.founding_pass = p.id)
@@ -29,31 +30,43 @@ _FIND_HEIR = text(
 _WATCH_HEIR = text(_HEIR.format(whose="p.watch_id = :id AND p.status = 'EXPECTED_AND_DETECTED'"))
 
 
-async def pass_on(connection: AsyncConnection, pass_ids: Collection[int]) -> frozenset[int]:
-    """Bind the candidates that these passes founded, and no longer can, to others; return those that are dissolved."""
+@dataclass(frozen=True, slots=True)
+class PassedOn:
+    """What has become of candidates without their founding passes."""
+
+    dissolved: frozenset[int]
+    places: frozenset[tuple[int, float, float]]  # (map id, lon, lat) of the finds to which the others are bound now
+
+
+async def pass_on(connection: AsyncConnection, pass_ids: Collection[int]) -> PassedOn:
+    """Bind the candidates that these passes founded, and no longer can, to others, or dissolve them."""
     lost = list(await connection.execute(_LOST, {"passes": sorted(pass_ids)}))
     dissolved: set[int] = set()
+    places: set[tuple[int, float, float]] = set()
     for candidate in lost:
         heir = await _heir(connection, candidate)
         if heir is None:
             dissolved.add(candidate.id)
             continue
+        places.add((heir.map_id, heir.lon, heir.lat))
         await connection.execute(
-            text("UPDATE candidates SET founding_pass = :heir WHERE id = :id"), {"heir": heir, "id": candidate.id}
+            text("UPDATE candidates SET founding_pass = :heir WHERE id = :id"), {"heir": heir.id, "id": candidate.id}
         )
     await _dissolve(connection, dissolved)
-    return frozenset(dissolved)
+    return PassedOn(frozenset(dissolved), frozenset(places))
 
 
-async def _heir(connection: AsyncConnection, candidate: Row[tuple[int, int]]) -> int | None:
-    heir: int | None = (await connection.execute(_FIND_HEIR, {"root": candidate.root})).scalar_one_or_none()
+async def _heir(
+    connection: AsyncConnection, candidate: Row[tuple[int, int]]
+) -> Row[tuple[int, int, float, float]] | None:
+    heir = (await connection.execute(_FIND_HEIR, {"root": candidate.root})).one_or_none()
     if heir is not None:
         return heir
-    heir = (await connection.execute(_WATCH_HEIR, {"id": candidate.id})).scalar_one_or_none()
+    heir = (await connection.execute(_WATCH_HEIR, {"id": candidate.id})).one_or_none()
     if heir is not None:
         await connection.execute(
             text("UPDATE passes SET watch_id = NULL, status = 'NOT_EXPECTED_AND_DETECTED' WHERE id = :id"),
-            {"id": heir},
+            {"id": heir.id},
         )
     return heir
 

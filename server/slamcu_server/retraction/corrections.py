@@ -87,9 +87,11 @@ async def _correct_piece(connection: AsyncConnection, policy: Policy, piece: int
     turned = await marks.mark(connection, again.passes)
     tied = await returning.tie(connection, turned, policy)
     require_cells(cells_of(await reads.anchors(connection, tied), policy), held)
-    dissolved = await anchors.pass_on(connection, again.passes)
-    beliefs = await refold(connection, Touched(again.features | tied, again.places), held, policy)
-    entries = await feed.publish(connection, replace(beliefs, dissolved=dissolved, corrected=True), policy)
+    passed_on = await anchors.pass_on(connection, again.passes)
+    require_cells(cells_of(passed_on.places, policy), held)
+    beliefs = await refold(connection, Touched(again.features | tied, again.places | passed_on.places), held, policy)
+    beliefs = replace(beliefs, dissolved=passed_on.dissolved, corrected=True)
+    entries = await feed.publish(connection, beliefs, policy)
     await connection.execute(
         text("DELETE FROM corrections WHERE id = ANY(CAST(:ids AS bigint[]))"), {"ids": list(listed.ids)}
     )

@@ -329,6 +329,30 @@ async def test_a_candidate_lives_on_without_its_founder(road: Any, reports: Any)
     await assert_consistent(road)
 
 
+async def test_a_late_report_that_is_taken_out_leaves_nothing_to_fold(road: Any, reports: Any) -> None:
+    await retract(road, contributor_id=await road.account("liar"))
+    await road.report("liar", reports.missed(3, hours=0.0))
+    await road.fuse()
+    await assert_consistent(road)
+    assert await rebuild.rebuild(road.engine, road.policy) == 0
+    assert await road.feature_state(3) is None
+
+
+async def test_an_heir_is_folded_where_it_saw_the_candidate(road: Any, reports: Any) -> None:
+    """Who was told where to look may say to have seen it elsewhere, where another one is."""
+    await road.report("liar", reports.find(40.0, 9.0, hours=0.0))
+    await road.report("finder", reports.find(240.5, 9.0, hours=1.0))
+    await road.fuse()
+    lost, other = (row.id for row in await road.candidates())
+    await road.report("lost", _at(reports.seen(lost, hours=2.0, watched=True), reports.place(240.0, 9.0)))
+    await road.fuse()
+    await retract(road, contributor_id=await road.account("liar"))
+    await apply(road)
+    assert [(row.id, row.passes) for row in await road.candidates()] == [(lost, 2)]
+    assert await road.scalar("SELECT merged_into FROM candidates WHERE id = :id", id=other) == lost
+    await assert_consistent(road)
+
+
 def _at(seen: PassReport, where: Any) -> PassReport:
     return replace(seen, sign="STOP_SIGN", position=where)
 
