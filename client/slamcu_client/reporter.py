@@ -13,7 +13,7 @@ from slamcu_client.errors import OutboxError
 from slamcu_client.outbox import Encode, Outbox
 from slamcu_core.errors import SlamcuError, WireError
 from slamcu_core.reports import Health, PassReport, ReportMessage
-from slamcu_core.sensoris import check_pass, serialize_message
+from slamcu_core.sensoris import sendable, serialize_message
 
 _RETRY_S = 1.0
 _log = logging.getLogger(__name__)
@@ -96,7 +96,7 @@ class Reporter:
     def _collect(self, passes: Sequence[PassReport], health: Health) -> None:
         for report in passes:
             try:
-                check_pass(report)
+                sent = sendable(report)
             except WireError as error:
                 # the server would refuse the whole message for it
                 _log.warning("a pass cannot be reported: %s", error)
@@ -108,7 +108,7 @@ class Reporter:
                 last = _Group(health)
                 self._groups.append(last)
             last.health = health
-            last.passes.append(report)
+            last.passes.append(sent)
 
     def tick(self, t: float, before: datetime) -> None:
         """Hand on what is due when drive time reaches `t`; `before` is the last instant that is complete."""

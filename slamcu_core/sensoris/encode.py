@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from slamcu_core.hd_map import MapIdentity
 from slamcu_core.reports import Health, MapReference, PassReport, ReportMessage
-from slamcu_core.sensoris.checks import DETECTED, NOT_DETECTED, check_message
+from slamcu_core.sensoris.checks import DETECTED, NOT_DETECTED, check_message, check_pass
 from slamcu_core.sensoris.events import Event, add_event, carries_sign
 from slamcu_core.sensoris.extension import TYPE_URLS, pack
 from slamcu_core.sensoris.policy import MAX_PASS_WEIGHT
@@ -20,13 +20,23 @@ from slamcu_core.sensoris.wire import delimited
 SENSORIS_VERSION = (1, 5, 1)
 
 
+def sendable(report: PassReport) -> PassReport:
+    """Return a pass as it is sent.
+
+    Weights above MAX_PASS_WEIGHT are lowered by the same amount each, which keeps their ratio of masses: some minutes
+    before a red light gather so much. A sign that is not valid (crossed out) carries no evidence against.
+
+    Raises WireError if a receiver would refuse the pass.
+    """
+    report = _bounded(report)
+    check_pass(report)
+    return report
+
+
 def encode_message(report: ReportMessage) -> data_pb2.DataMessage:
     """Turn a report into a SENSORIS DataMessage: its fields for any receiver, exact evidence in our extension.
 
-    Weights above MAX_PASS_WEIGHT are lowered by the same amount each, which keeps their ratio of masses; a sign that
-    is not valid (crossed out) carries no evidence against.
-
-    Raises WireError if a receiver would refuse the report.
+    Each pass is sent as `sendable` has it. Raises WireError if a receiver would refuse the report.
     """
     report = replace(report, passes=tuple(_bounded(one) for one in report.passes))
     check_message(report)
@@ -55,6 +65,14 @@ def encode_message(report: ReportMessage) -> data_pb2.DataMessage:
     return message
 
 
+def _bounded(report: PassReport) -> PassReport:
+    f, a = report.weight_for, report.weight_against if report.valid else 0.0
+    excess = max(f, a) - MAX_PASS_WEIGHT
+    if math.isfinite(excess) and excess > 0.0:
+        f, a = max(f - excess, 0.0), max(a - excess, 0.0)
+    return replace(report, weight_for=f, weight_against=a, sign=report.sign or None, value=report.value or None)
+
+
 def serialize_message(report: ReportMessage) -> bytes:
     """Return the bytes of a report's DataMessage: the same bytes for the same report, as idempotency needs."""
     return encode_message(report).SerializeToString(deterministic=True)
@@ -76,15 +94,6 @@ def join_batch(messages: Iterable[bytes]) -> bytes:
 def encode_batch(reports: Iterable[ReportMessage]) -> bytes:
     """Return the body of a DataMessages batch of reports. Raises WireError as `encode_message` does."""
     return join_batch(serialize_message(report) for report in reports)
-
-
-def _bounded(report: PassReport) -> PassReport:
-    """Return a pass whose weights a receiver takes."""
-    f, a = report.weight_for, report.weight_against if report.valid else 0.0
-    excess = max(f, a) - MAX_PASS_WEIGHT
-    if math.isfinite(excess) and excess > 0.0:
-        f, a = max(f - excess, 0.0), max(a - excess, 0.0)
-    return replace(report, weight_for=f, weight_against=a, sign=report.sign or None, value=report.value or None)
 
 
 def _write_envelope(envelope: data_pb2.DataMessage.Envelope, report: ReportMessage) -> None:

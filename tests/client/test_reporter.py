@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import sqlite3
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from slamcu_core.reports import (
     PassReport,
     ReportMessage,
 )
-from slamcu_core.sensoris import decode_message
+from slamcu_core.sensoris import MAX_PASS_WEIGHT, decode_message
 
 START = datetime(2026, 5, 1, 8, tzinfo=UTC)
 TEMPLATE = ReportMessage("s", 1, sensor_model="cam", software_version="test")
@@ -96,6 +97,16 @@ def test_one_pass_that_no_server_would_take_does_not_cost_the_others(outbox: Out
     reporter.finish([], Health(), at(2), 30.0)
     assert stored(outbox) == [(True, [1, 3])]
     assert (reporter.reported, reporter.unusable) == (2, 1)
+
+
+def test_a_pass_that_weighs_more_than_a_receiver_takes_is_reported(outbox: Outbox) -> None:
+    """So does a car that waits for minutes in view of a sign."""
+    reporter = Reporter(outbox, TEMPLATE, ReportPolicy())
+    reporter.add([replace(one(1), weight_for=1844.0, weight_against=845.0)], Health(), 1.0, at(1))
+    reporter.finish([], Health(), at(2), 30.0)
+    (report,) = decode_message(outbox.pending(1)[0].body).passes
+    assert (report.weight_for, report.weight_against) == (MAX_PASS_WEIGHT, 1.0)
+    assert (reporter.reported, reporter.unusable) == (1, 0)
 
 
 def test_memory_is_bounded_while_the_disk_takes_nothing(outbox: Outbox) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from slamcu_core.errors import WireError
 from slamcu_core.reports import DetectionStatus, Health, MapReference, MeasuredPosition, PassReport, ReportMessage
-from slamcu_core.sensoris import WireLimits, check_pass, decode_message, encode_message
+from slamcu_core.sensoris import WireLimits, decode_message, encode_message, sendable
 from slamcu_core.sensoris.extension import find, pack
 from slamcu_core.sensoris.proto import base_pb2, data_pb2, extension_pb2, spatial_pb2, traffic_regulation_pb2
 
@@ -399,7 +399,7 @@ def test_what_would_be_refused_is_not_sent(
     with pytest.raises(WireError, match="pass 0: ") as sending:
         encode_message(report)
     with pytest.raises(WireError) as checking:
-        check_pass(report.passes[0])
+        sendable(report.passes[0])
 
     assert sending.value.reason == checking.value.reason == reason
 
@@ -407,16 +407,14 @@ def test_what_would_be_refused_is_not_sent(
 @pytest.mark.parametrize("side", ["for", "against"])
 def test_a_weight_out_of_range_is_named_by_its_side(report_of: Callable[..., ReportMessage], side: str) -> None:
     with pytest.raises(WireError, match=f"the evidence {side} weighs -1, expected 0 to 1000"):
-        check_pass(report_of(**{f"weight_{side}": -1.0}).passes[0])
+        sendable(report_of(**{f"weight_{side}": -1.0}).passes[0])
 
 
 def test_a_sound_pass_passes_the_check(a_pass: PassReport) -> None:
-    check_pass(a_pass)
-    check_pass(replace(a_pass, ended_at=a_pass.started_at, started_at=a_pass.started_at - timedelta(days=3)))
+    sendable(a_pass)
+    sendable(replace(a_pass, ended_at=a_pass.started_at, started_at=a_pass.started_at - timedelta(days=3)))
     here = timezone(timedelta(hours=2))
-    check_pass(
-        replace(a_pass, started_at=a_pass.started_at.astimezone(here), ended_at=a_pass.ended_at.astimezone(here))
-    )
+    sendable(replace(a_pass, started_at=a_pass.started_at.astimezone(here), ended_at=a_pass.ended_at.astimezone(here)))
 
 
 def test_every_reason_is_documented() -> None:

@@ -25,6 +25,7 @@ from slamcu_core.sensoris import (
     decode_message,
     encode_batch,
     encode_message,
+    sendable,
     serialize_message,
     to_json,
 )
@@ -172,6 +173,7 @@ def test_a_pass_of_an_hour_is_bounded_without_changing_what_it_says(a_pass: Pass
 
     (read,) = decode_message(encode_message(ReportMessage("s", 1, (long,)))).passes
 
+    assert read == decode_message(encode_message(ReportMessage("s", 1, (sendable(long),)))).passes[0]
     assert max(read.weight_for, read.weight_against) == MAX_PASS_WEIGHT
     assert masses_from_weights(read.weight_for, read.weight_against) == pytest.approx(
         masses_from_weights(long.weight_for, long.weight_against), abs=1e-12
