@@ -115,7 +115,7 @@ class DriveHeader:
 
 @dataclass(frozen=True, slots=True)
 class Odometry:
-    """Speed with either yaw rate or front wheel angle; holds from t on."""
+    """Speed with either yaw rate or front wheel angle; holds from t on, until the next or `MotionNoise.hold_s`."""
 
     t: float  # s since the start of the drive
     speed: float  # m/s, forward positive

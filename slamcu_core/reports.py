@@ -65,6 +65,15 @@ class PassReport:
     valid: bool = True  # False: seen, but crossed out or covered as a whole; not a deletion
 
 
+class Doubt(StrEnum):
+    """Why a filter is not to be trusted."""
+
+    MAP = "map"  # it explains too little of what is seen and missed
+    FIXES = "fixes"  # satellite fixes contradict the pose, or did until just now
+    ODOMETRY = "odometry"  # was silent, and neither map nor fixes have said since where the car is
+    NUMBERS = "numbers"  # have broken down
+
+
 @dataclass(frozen=True, slots=True)
 class Health:
     """How far the filter that made a report is to be trusted."""
@@ -73,6 +82,7 @@ class Health:
     effective_particles: float = 1.0  # M_eff / M, in (0, 1]
     innovation_ratio: float = 1.0  # mean normalised innovation squared over its expectation
     unexplained_ratio: float = 0.0  # detections that nothing explained, over all
+    doubt: Doubt | None = None  # why it is not trusted; known on board only
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,6 +59,34 @@ class GnssBias:
         The weight has the tails of Student's t with 4 degrees of freedom, so that a reflected fix does little harm; one
         that is far beyond what the particles and their bias allow changes nothing. Return whether it was refused so.
         """
+        variance, total = self._predict(particles, t, std_m)
+        innovation = fix[:, None] - particles.state[:2] - particles.gnss_bias
+        if not self._square(innovation, particles.weights, total) <= _FAR:  # nor one that is no number
+            return True
+        far = np.log1p(np.sum(innovation**2, axis=0) / (4.0 * total))
+        particles.log_weight = particles.log_weight - 3.0 * far
+        self._learn(particles, innovation, variance, total)
+        return False
+
+    def place(self, particles: Particles, t: float, fix: Array, std_m: float, rng: np.random.Generator) -> bool:
+        """Draw the particles' places from a fix (2,), m, which their own spread tells nothing beside, in place.
+
+        Each takes what it knows of the receiver's bias into account. One far beyond all of them changes nothing; return
+        whether it was refused so.
+        """
+        if self._variance is None:
+            self._start_variance = 0.0  # what the start shares with the first fix is over
+        variance, total = self._predict(particles, t, std_m)
+        innovation = fix[:, None] - particles.state[:2] - particles.gnss_bias
+        if not self._square(innovation, particles.weights, total) <= _FAR:
+            return True
+        error = math.sqrt(total) * rng.standard_normal((2, len(particles)))
+        particles.state[:2] = fix[:, None] - particles.gnss_bias - error
+        self._learn(particles, error, variance, total)
+        return False
+
+    def _predict(self, particles: Particles, t: float, std_m: float) -> tuple[float, float]:
+        """Let the bias wander until t s, in place, and return its variance, and that of a fix, m²."""
         white = (self._parameters.gnss_white_share * std_m) ** 2
         self.stationary = std_m**2 - white
         if self._variance is None:
@@ -69,16 +97,13 @@ class GnssBias:
             particles.gnss_bias *= keep
             self._variance = keep**2 * self._variance + (1.0 - keep**2) * self.stationary
         self._time = t
-        innovation = fix[:, None] - particles.state[:2] - particles.gnss_bias
-        total = self._variance + white
-        if not self._square(innovation, particles.weights, total) <= _FAR:  # nor one that is no number
-            return True
-        far = np.log1p(np.sum(innovation**2, axis=0) / (4.0 * total))
-        particles.log_weight = particles.log_weight - 3.0 * far
-        gain = self._variance / total
+        return self._variance, self._variance + white
+
+    def _learn(self, particles: Particles, innovation: Array, variance: float, total: float) -> None:
+        """Learn the bias from innovations (2, M), each of the variance `total`, in place."""
+        gain = variance / total
         particles.gnss_bias += gain * innovation
-        self._variance *= 1.0 - gain
-        return False
+        self._variance = variance * (1.0 - gain)
 
     @staticmethod
     def _square(innovation: Array, weights: Array, variance: float) -> float:

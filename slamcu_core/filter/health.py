@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.reports import Health
+from slamcu_core.reports import Doubt, Health
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -223,11 +223,14 @@ class HealthMonitor:
         """Whether there is reason to look for a better pose."""
         return self._against > _DOUBT
 
-    def state(self, effective_share: float, *, contradicted: bool = False) -> Health:
-        """Return the health; `effective_share` is M_eff / M, `contradicted` whether fixes deny the pose."""
+    def state(self, effective_share: float, doubt: Doubt | None = None) -> Health:
+        """Return the health; `effective_share` is M_eff / M, `doubt` why others doubt the pose."""
+        if doubt is None and self.lost:
+            doubt = Doubt.MAP
         return Health(
-            trusted=not (self.lost or contradicted),
+            trusted=doubt is None,
             effective_particles=min(1.0, effective_share),
             innovation_ratio=self._innovation / (2.0 * self._matched) if self._matched > 0.0 else 1.0,
             unexplained_ratio=min(1.0, self._unexplained / self._detections) if self._detections > 0.0 else 0.0,
+            doubt=doubt,
         )

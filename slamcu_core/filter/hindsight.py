@@ -84,6 +84,11 @@ class Hindsight:
             self._cross[:, :, :6] = self._cross[:, :, :6] @ by_state.T
         self._travel = Travel()
 
+    def let_go(self) -> None:
+        """Leave all finds where they are: what is learnt from now on of the pose says nothing of what it was."""
+        self._rows, self._born, self._cross = self._rows[:0], self._born[:0], self._cross[:0]
+        self._travel = Travel()
+
     def learn(self) -> None:
         """Let the finds follow what the particles, just resampled, have learnt, and take in more of them."""
         self._drop_the_gone()

@@ -122,9 +122,7 @@ class Neighbourhood:
         far = distance > self._reach + (_KEEP_CROWDED_M if crowded else _KEEP_M)
         behind = own[live & far]
         if len(behind):
-            means, covariances = particles.collapse(table.slot[behind])
-            table.xy[behind], table.covariance[behind] = means.T, covariances.T
-            table.slot[behind] = -1
+            self._collapse(behind, particles)
         for row in own[~live & (distance < self._reach + 2.0 * _STEP_M)]:
             for slot in self.free_slots(particles)[:1]:
                 self._hindsight.recall(row, slot)
@@ -133,6 +131,20 @@ class Neighbourhood:
         for row in own[done].tolist():
             self.found.put(table, row, self.frame)
         return np.asarray(own[table.slot[own] >= 0])
+
+    def part_finds(self, place: Array, particles: Particles) -> None:
+        """Take the car's finds from the particles' poses: what is near a place (2,) m is the same for all of them."""
+        table = self._table
+        self._collapse(((table.slot >= 0) & (table.kind == Kind.NEW)).nonzero()[0], particles)
+        self._hindsight.let_go()
+        self.refresh(place, particles, force=True)
+
+    def _collapse(self, rows: NDArray[np.intp], particles: Particles) -> None:
+        """Take finds out of the particles."""
+        table = self._table
+        means, covariances = particles.collapse(table.slot[rows])
+        table.xy[rows], table.covariance[rows] = means.T, covariances.T
+        table.slot[rows] = -1
 
     def free_slots(self, particles: Particles) -> NDArray[np.intp]:
         """Return the slots of the particles' arrays that no row uses."""

@@ -39,10 +39,16 @@ class Recovery:
         larger = np.maximum(std[0], seen.measurement[0] * std[1]) if model.has_bearing else std[0]
         self._memory.add(Sightings(now.t, now.reckoned, seen.ahead_left, larger, seen.feature_class, seen.sign))
 
-    def find_the_way_back(self, now: Instant, around: Index) -> Array | None:
+    def forget(self) -> None:
+        """Forget what was seen: from now on it is not known how the car moved meanwhile."""
+        self._memory.clear()
+        self._candidate = None
+
+    def find_the_way_back(self, now: Instant, around: Index, *, anywhere: bool = False) -> Array | None:
         """Move the particles to where the last sightings fit the active rows of the map, if they fit clearly better.
 
-        Return where that is (2,), m; None if they were left where they are.
+        Or if they fit at all, where the car may be `anywhere`. Return where that is (2,), m; None if they were left
+        where they are.
         """
         if now.t - self._last_search <= _SEARCH_INTERVAL_S:
             return None
@@ -59,12 +65,12 @@ class Recovery:
         here = Motion(float(mean[2] - reckoned[2]), np.zeros(2))
         here = Motion(here.angle, mean[:2] - here.apply(reckoned[:2]))
         before, self._candidate = self._candidate, None
-        explained = agreement(seen, here, table.xy[rows], fits)
+        explained = 0 if anywhere else agreement(seen, here, table.xy[rows], fits)
         if explained > _FITS * len(seen.place):
             return None  # in a crowd a search costs hundreds of steps
         motion, agreed, rival = search(seen, table.xy[rows], fits)
         needed = max(_AGREEMENT, _SHARE * len(seen.place), explained + _BETTER_BY, rival + 1)
-        if motion is None or agreed < needed or same(motion, here, reckoned[:2]):
+        if motion is None or agreed < needed or (not anywhere and same(motion, here, reckoned[:2])):
             return None
         if before is None or not same(motion, before, reckoned[:2]):
             self._candidate = motion

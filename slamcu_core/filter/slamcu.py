@@ -6,8 +6,6 @@ One step follows the paper's Figure 5: predict (eq. 12), pre-associate (4.3.1), 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,21 +27,22 @@ from slamcu_core.filter.hindsight import Hindsight
 from slamcu_core.filter.intake import Intake
 from slamcu_core.filter.map_management import MapManagement
 from slamcu_core.filter.neighbourhood import Neighbourhood
+from slamcu_core.filter.outage import Outage
 from slamcu_core.filter.outline import MeanLook
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.passes import PassReporter
 from slamcu_core.filter.reckoning import DeadReckoning
-from slamcu_core.filter.recovery import Recovery
 from slamcu_core.filter.resampling import resample
 from slamcu_core.filter.riders import Riders
 from slamcu_core.filter.table import FeatureTable, Vocabulary
 from slamcu_core.filter.view import Lookout
+from slamcu_core.filter.whereabouts import Whereabouts
 from slamcu_core.filter.whiteness import Whiteness
 from slamcu_core.geometry import LocalFrame, compass_to_math
 from slamcu_core.hd_map import HDMap
 from slamcu_core.models import SensorModel
-from slamcu_core.reports import Health, PassReport
+from slamcu_core.reports import Doubt, Health, PassReport
 
 Array = NDArray[np.float64]
 
@@ -133,16 +132,26 @@ class SlamcuFilter:
             unmapped_share=self.parameters.unmapped_share,
             rng=rng,
         )
-        self._fixes = FixWatch(self._particles, self._gnss, self._monitor)
         self._intake = Intake(header)
+        outage = Outage(self._particles, self._gnss, self.parameters.motion, reach=float(reach), rng=rng)
+        self._whereabouts = Whereabouts(
+            self._table,
+            self._particles,
+            gnss=self._gnss,
+            outage=outage,
+            around=self._around,
+            management=self._management,
+            monitor=self._monitor,
+            rng=rng,
+        )
         self._reckoning = DeadReckoning(
             self._particles,
             self._hindsight,
+            outage,
             noise=self.parameters.motion,
             wheelbase_m=header.wheelbase_m,
             rng=rng,
         )
-        self._recovery = Recovery(self._table, self._particles, rng)
         self._riders = Riders()
         self._last_frame = 0.0  # s, of any sensor
         self._lost: str | None = None  # why no record is taken any more
@@ -168,7 +177,8 @@ class SlamcuFilter:
             raise FilterLostError(self._lost)
         self._intake.admit(record, self._reckoning.time)
         try:
-            return self._take(record)
+            ended = self._fall_silent() if self._reckoning.falls_silent(record.t) else []
+            return ended + self._take(record)
         except (ArithmeticError, ValueError) as error:  # a matrix that is not positive definite is a ValueError
             self._lost = f"the filter is lost at t = {record.t} s, a new session is needed: {error}"
             raise FilterLostError(self._lost) from error
@@ -186,6 +196,14 @@ class SlamcuFilter:
             return []
         return self._frame(record, sensor)
 
+    def _fall_silent(self) -> list[PassReport]:
+        """End what hangs on knowing how the car moves, where odometry was good for the last time."""
+        self._reckoning.advance(self._reckoning.holds_until)
+        self._reckoning.silent = True
+        ended = self._closing.all()
+        self._whereabouts.lose_track()
+        return ended
+
     def finish(self) -> list[PassReport]:
         """End the drive: close every open pass and return its report; a filter that is lost has none."""
         if self._lost is not None:
@@ -196,12 +214,7 @@ class SlamcuFilter:
     def _fix(self, record: GnssFix) -> None:
         self._reckoning.advance(record.t)
         self._particles.settle(self._rng)
-        fix = self._around.frame.to_local(record.lon, record.lat)
-        refused = self._gnss.update(self._particles, record.t, fix, record.std_m)
-        if self._fixes.note(record.t, fix, record.std_m, refused=refused):
-            self._fixes.start_over(fix, record.std_m, self._rng)
-            self._start_over(fix)
-        else:
+        if not self._whereabouts.take_fix(record):
             self._resample()
 
     def _resample(self) -> None:
@@ -228,29 +241,21 @@ class SlamcuFilter:
         if len(record.items):
             seen = seen.without(self._riders.flag(seen, self._reckoning.way))
         occluders = sensor.occluders if record.t - sensor.occluders_at < 0.2 else ()
+        fresh = sensor.whiteness.fresh(share)
+        now = Instant(record.t, share, fresh, pose, self._reckoning.pose, self._reckoning.speed)
+        if self._whereabouts.unknown:
+            self._particles.settle(self._rng)
+            if not self._reckoning.silent:
+                self._whereabouts.look_around(sensor.model, seen, now)
+            return ended
         view = sensor.lookout.look(self._around.rows, cloud, seen, occluders)
         if view is not None:
-            fresh = sensor.whiteness.fresh(share)
-            now = Instant(record.t, share, fresh, pose, self._reckoning.pose, self._reckoning.speed)
             self._frames.take(sensor, view, seen, now)
             self._resample()
-            self._recovery.remember(sensor.model, seen, now)
-            if self._monitor.doubtful:
-                self._find_the_way_back(now)
+            self._whereabouts.look_around(sensor.model, seen, now)
         else:
             self._particles.settle(self._rng)
         return ended + self._closing.out_of_view(record.t)
-
-    def _find_the_way_back(self, now: Instant) -> None:
-        place = self._recovery.find_the_way_back(now, self._around.rows)
-        if place is not None:
-            self._start_over(place)
-
-    def _start_over(self, place: Array) -> None:
-        """Forget what was believed from a wrong pose; the particles are at a place (2,), m, by now."""
-        self._management.start_over()
-        self._monitor.reset()
-        self._around.refresh(place, self._particles, force=True)
 
     # --- what is believed -------------------------------------------------------------------------------------------
 
@@ -263,15 +268,13 @@ class SlamcuFilter:
     def health(self) -> Health:
         """How far the filter trusts itself."""
         effective = self._particles.effective / len(self._particles)
-        health = self._monitor.state(effective, contradicted=self._fixes.contradicted)
-        if self._lost is not None or not np.isfinite(self._particles.state).all():
-            return replace(health, trusted=False)
-        return health
+        broken = self._lost is not None or not np.isfinite(self._particles.state).all()
+        return self._monitor.state(effective, Doubt.NUMBERS if broken else self._whereabouts.doubt)
 
     @property
     def fixes(self) -> FixWatch:
         """What GNSS says of the pose, and how many fixes were refused."""
-        return self._fixes
+        return self._whereabouts.fixes
 
     @property
     def live_rows(self) -> int:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.errors import SlamcuError
+from slamcu_core.errors import SlamcuError, check_within
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,14 @@ class MotionNoise:
     constant_time_s: float = 300.0  # s; time in which a constant may change (tyres warm up, a gyro drifts)
     slip_share: float = 0.0  # of the time, wheels do not do what odometry says ...
     slip_time_s: float = 2.0  # s; ... for so long at a time
+    hold_s: float = 1.5  # s for which a record of odometry holds if no other comes: longer than its period
+    untold_speed: float = 10.0  # m/s, standard deviation beyond; that of the last record if it is more
+    untold_turn: float = 0.2  # rad/s, likewise
+
+    def __post_init__(self) -> None:
+        """Raise FieldError, naming the field, for what no vehicle's odometry is like."""
+        for name, low, high, unit in _RANGES:
+            check_within(self, name, low, high, unit)
 
     @property
     def constants_std(self) -> Array:
@@ -50,7 +58,25 @@ class MotionNoise:
             yaw_bias_std=0.005,
             constant_time_s=60.0,
             slip_share=0.1,
+            untold_speed=0.3,
+            untold_turn=0.5,
         )
+
+
+_RANGES = (
+    ("distance_std", 0.0, 100.0, "m per square root of a metre"),
+    ("turn_std", 0.0, 10.0, "rad per square root of a radian"),
+    ("drift_std", 0.0, 10.0, "rad per square root of a second"),
+    ("speed_scale_std", 0.0, 1.0, "of the speed"),
+    ("yaw_scale_std", 0.0, 1.0, "of the yaw rate"),
+    ("yaw_bias_std", 0.0, 1.0, "rad/s"),
+    ("constant_time_s", 1e-3, 1e9, "s"),
+    ("slip_share", 0.0, 0.9, "of the time"),
+    ("slip_time_s", 1e-3, 1e6, "s"),
+    ("hold_s", 0.01, 3_600.0, "s"),
+    ("untold_speed", 0.0, 150.0, "m/s"),
+    ("untold_turn", 0.0, 10.0, "rad/s"),
+)
 
 
 def yaw_rate_from_steering(speed: float, steering: float, wheelbase_m: float | None) -> float:

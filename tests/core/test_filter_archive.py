@@ -30,8 +30,8 @@ def _feature(object_id: int, place: tuple[float, float]) -> MapFeature:
 
 def _records(seconds: float) -> Iterator[Record]:
     rng = np.random.default_rng(0)
-    yield Odometry(0.0, SPEED, yaw_rate=0.0)
     for step in range(1, round(10 * seconds)):
+        yield Odometry((step - 1) / 10, SPEED, yaw_rate=0.0)
         t, items = step / 10, []
         for x, y in (MAPPED, UNMAPPED):
             distance, bearing = np.hypot(x - SPEED * t, y), np.arctan2(y, x - SPEED * t)

@@ -63,8 +63,8 @@ def drive(
 ) -> Iterator[Record]:
     """Drive east at 20 m/s past signs in metres; `show(sign, distance, bearing, rng)` says what is detected."""
     rng = np.random.default_rng(seed)
-    yield Odometry(0.0, SPEED, yaw_rate=0.0)
     for step in range(1, round(seconds * 10)):
+        yield Odometry((step - 1) / 10, SPEED, yaw_rate=0.0)
         t = step / 10
         if gnss and step % 10 == 0:
             lon, lat = FRAME.to_geographic([SPEED * t + rng.normal(), rng.normal()])
@@ -181,8 +181,8 @@ def test_a_sign_painted_on_a_lorry_is_never_new(lorry_speed: float) -> None:
     rng = np.random.default_rng(3)
 
     def records() -> Iterator[Record]:
-        yield Odometry(0.0, SPEED, yaw_rate=0.0)
         for step in range(1, 100):
+            yield Odometry((step - 1) / 10, SPEED, yaw_rate=0.0)
             distance = 40.0 + (lorry_speed - SPEED) * step / 10
             yield DetectionFrame(step / 10, "camera", (seen(distance, 0.05, rng),))
 
@@ -384,9 +384,9 @@ def test_the_map_corrects_a_wrong_start() -> None:
 
 def test_a_long_drive_moves_its_frame_along_without_a_jump() -> None:
     car = SlamcuFilter(HDMap([]), HEADER, FilterParameters(particles=20), rng=np.random.default_rng(1))
-    car.feed(Odometry(0.0, 40.0, yaw_rate=0.0))
     places = []
     for t in range(1, 1000):
+        car.feed(Odometry(t - 1.0, 40.0, yaw_rate=0.0))
         car.feed(DetectionFrame(float(t), "camera"))
         places.append((car.pose.lon, car.pose.lat))
     assert car.pose.lon > 2.5

@@ -162,8 +162,8 @@ UNMAPPED = (60.0, 6.0)
 def _records(seconds: float) -> Iterator[Record]:
     """Drive east past a sign that the map lacks, and long after past signs of the map."""
     rng = np.random.default_rng(3)
-    yield Odometry(0.0, SPEED, yaw_rate=0.0)
     for step in range(1, round(10 * seconds)):
+        yield Odometry((step - 1) / 10, SPEED, yaw_rate=0.0)
         t, items = step / 10, []
         for x, y in (UNMAPPED, *MAPPED):
             distance, bearing = np.hypot(x - SPEED * t, y), np.arctan2(y, x - SPEED * t)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 from dataclasses import fields
 from pathlib import Path
@@ -38,6 +39,19 @@ def test_every_parameter_and_every_sign_of_health_is_explained(name: str) -> Non
 )
 def test_every_part_of_a_step_has_its_place_in_the_order(module: str) -> None:
     assert f"`{module}`" in TEXT
+
+
+def test_the_equations_stand_where_the_table_says() -> None:
+    rows = re.findall(r"^\| ([0-9, –]+) \| [^|]+ \| ([^|]+) \|$", TEXT, re.MULTILINE)
+    numbers: list[int] = []
+    for equations, where in rows:
+        first, *rest = map(int, re.findall(r"\d+", equations))
+        numbers += range(first, (rest or [first])[-1] + 1)
+        for path, names in re.findall(r"`([a-z_/]+\.py)` \(([^)]+)\)", where):
+            source = (ROOT / "slamcu_core" / path).read_text(encoding="utf-8")
+            for name in re.findall(r"`(\w+)`", names):
+                assert re.search(rf"(def|class) {name}\b", source), f"{path} has no {name}"
+    assert numbers == list(range(1, 21))
 
 
 def _figures(*stages: str) -> subprocess.CompletedProcess[str]:
