@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from numbers import Integral, Real
+
 
 class SlamcuError(Exception):
     """Base of every error that slamcu raises on purpose; its text is fit to show to a user."""
@@ -29,8 +31,16 @@ class FieldError(SlamcuError, ValueError):
 def check_within(holder: object, field: str, low: float, high: float, unit: str) -> None:
     """Raise FieldError if a field of an object is not a number from `low` to `high`."""
     value = getattr(holder, field)
-    if not low <= value <= high:
+    number = type(value) is float or (isinstance(value, Real) and not isinstance(value, bool))
+    if not (number and low <= value <= high):
         raise FieldError(field, f"in [{low:g}, {high:g}] {unit}".rstrip(), value)
+
+
+def check_whole(holder: object, field: str, low: int, high: int) -> None:
+    """Raise FieldError if a field of an object is not a whole number from `low` to `high`."""
+    value = getattr(holder, field)
+    if not (isinstance(value, Integral) and not isinstance(value, bool) and low <= int(value) <= high):
+        raise FieldError(field, f"a whole number in [{low}, {high}]", value)
 
 
 class FilterLostError(SlamcuError):

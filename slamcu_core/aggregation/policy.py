@@ -31,6 +31,19 @@ _COUNTS = frozenset(
         "window",
     }
 )
+_MOST: Mapping[str, float] = {
+    **dict.fromkeys(_COUNTS - {"window"}, 1_000),
+    "window": 10_000,
+    "half_life_days": 1e9,
+    "contributor_weight": 1_000.0,  # the most that a pass may weigh
+    "gate": 1_000.0,
+    "position_floor_m": 100.0,  # a place vaguer than that is none
+    "position_common_m": 100.0,
+    "match_radius_m": 1_000.0,
+    "pair_radius_m": 1_000.0,  # a batch locks what is so near
+    "pair_lateral_m": 1_000.0,
+    "pair_days": 1e5,
+}
 _MAY_BE_NONE = frozenset({"strangers_more", "contributors_in_doubt"})
 
 
@@ -111,6 +124,8 @@ class ClassPolicy:
             "pair_days",
         ):
             _require(getattr(self, name) > 0.0, name, getattr(self, name), "above 0")
+        for name, most in _MOST.items():
+            _require(getattr(self, name) <= most, name, getattr(self, name), f"at most {most:,g}")
         _require(self.position_common_m >= 0.0, "position_common_m", self.position_common_m, "at least 0")
         _require(
             self.pair_radius_m >= self.match_radius_m,

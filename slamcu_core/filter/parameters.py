@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
-from slamcu_core.errors import SlamcuError
+from slamcu_core.errors import FieldError, check_whole, check_within
 from slamcu_core.models import MotionNoise
 
 
 @dataclass(frozen=True, slots=True)
 class FilterParameters:
-    """Settings of the SLAMCU filter; the defaults suit a car with a series camera.
-
-    Raises SlamcuError, naming the field, for a value outside its range.
-    """
+    """Settings of the SLAMCU filter; the defaults suit a car with a series camera."""
 
     particles: int = 100  # M of eq. 11
     motion: MotionNoise = field(default_factory=MotionNoise)
@@ -46,19 +43,38 @@ class FilterParameters:
         return cls(**{"motion": MotionNoise.robot(), "gate": 20.0, "outlier_share": 0.1, **changes})
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("particles", 2, 100_000),
-            ("miss_confidence", 0.0, 1.0),
-            ("gate", 1.0, 100.0),
-            ("resample_fraction", 0.0, 1.0),
-            ("jitter", 0.0, 1.0),
-            ("outlier_share", 0.0, 0.5),
-            ("max_new", 1, 10_000),
-            ("kept_finds", 1, 1_000_000),
-        ):
-            if not low <= getattr(self, name) <= high:
-                raise SlamcuError(f"{name} must lie in [{low}, {high}], not {getattr(self, name)}")
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if isinstance(value, float) and not value >= 0.0:
-                raise SlamcuError(f"{item.name} must be at least 0, not {value}")
+        """Raise FieldError, naming the field, for a value with which the filter's equations mean nothing."""
+        if not isinstance(self.motion, MotionNoise):
+            raise FieldError("motion", "a MotionNoise", self.motion)
+        for name, least, most in _COUNTS:
+            check_whole(self, name, least, most)
+        for name, low, high, unit in _RANGES:
+            check_within(self, name, low, high, unit)
+
+
+_COUNTS = (
+    ("particles", 2, 100_000),
+    ("max_new", 1, 10_000),
+    ("kept_finds", 1, 1_000_000),
+    ("minimum_hits", 1, 1_000),
+)
+_RANGES = (
+    ("miss_confidence", 0.0, 1.0, ""),
+    ("gate", 1.0, 100.0, ""),
+    ("resample_fraction", 0.0, 1.0, "of the particles"),
+    ("jitter", 0.0, 1.0, "standard deviations"),
+    ("outlier_share", 0.0, 0.5, ""),
+    ("unmapped_share", 0.0, 100.0, "per feature"),
+    ("detection_concentration", 1e-3, 1e12, "looks"),
+    ("correlation_time_s", 0.0, 3_600.0, "s"),
+    ("evidence_cap", 1.0, 500.0, ""),  # its exponential is a number
+    ("range_scale_std", 0.0, 1.0, "of the range"),
+    ("bearing_bias_std", 0.0, 3.0, "rad"),
+    ("calibration_time_s", 1e-3, 1e9, "s"),
+    ("pass_range_std", 0.0, 1.0, "of the range"),
+    ("pass_bearing_std", 0.0, 3.0, "rad"),
+    ("gnss_white_share", 0.01, 1.0, "of std_m"),  # without white noise one fix would say all
+    ("gnss_correlation_s", 0.0, 1e9, "s"),
+    ("pass_gap_s", 0.0, 3_600.0, "s"),
+    ("mover_speed", 0.0, 150.0, "m/s"),
+)

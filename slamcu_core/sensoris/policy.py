@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
+from slamcu_core.errors import FieldError, check_whole, check_within
+
 MAX_PASS_WEIGHT = 1000.0
 """The most that f or a of one pass may weigh: exp(-1000) of doubt is none, whatever the law does with it."""
 
@@ -27,6 +29,22 @@ class WireLimits:
     earliest: datetime = datetime(2000, 1, 1, tzinfo=UTC)
     latest: datetime = datetime(2100, 1, 1, tzinfo=UTC)  # a receiver with a clock sets this to soon after its now
 
+    def __post_init__(self) -> None:
+        """Raise FieldError, naming the field, for bounds that would let through what cannot be stored."""
+        for name in ("max_messages", "max_events", "max_text", "max_frames"):
+            check_whole(self, name, 1, 2**31 - 1)
+        check_within(self, "max_pass_weight", 0.0, MAX_PASS_WEIGHT, "")
+        check_within(self, "max_position_std_m", 0.0, 1e5, "m")
+        check_within(self, "max_offset_m", 0.0, 1e6, "m")
+        low, high = self.altitude_m
+        if not -1e5 <= low <= high <= 1e5:
+            raise FieldError("altitude_m", "two ascending numbers in [-100000, 100000] m", self.altitude_m)
+        for name in ("earliest", "latest"):
+            if getattr(self, name).tzinfo is None:
+                raise FieldError(name, "an instant with a time zone", getattr(self, name))
+        if self.latest < self.earliest:
+            raise FieldError("latest", f"not before earliest, {self.earliest}", self.latest)
+
 
 @dataclass(frozen=True, slots=True)
 class ThirdPartyDefaults:
@@ -39,6 +57,12 @@ class ThirdPartyDefaults:
     not_detected: float = 0.3  # λ of eq. 2 without a confidence of the status
     unexplained_discount: float = 0.5  # times λ, where it is not said whether the view was free
     position_std_m: float = 5.0  # each axis
+
+    def __post_init__(self) -> None:
+        """Raise FieldError, naming the field, for what is no confidence and no accuracy."""
+        for name in ("detected", "not_detected", "unexplained_discount"):
+            check_within(self, name, 0.0, 1.0, "")
+        check_within(self, "position_std_m", 1e-3, 1e5, "m")
 
 
 DEFAULT_LIMITS = WireLimits()
