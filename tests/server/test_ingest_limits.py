@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import gzip
 from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
@@ -15,9 +16,11 @@ import pytest
 from slamcu_core.hd_map import MapIdentity
 from slamcu_core.reports import DetectionStatus, MeasuredPosition, ReportMessage
 from slamcu_core.sensoris import join_batch, serialize_message
+from slamcu_server.ingest import quota as quotas
 from slamcu_server.ingest.body import read
-from slamcu_server.ingest.plausibility import FINDS_AT_ONCE, FINDS_AT_ONE_PLACE
+from slamcu_server.ingest.plausibility import FINDS_AT_ONCE, FINDS_AT_ONE_PLACE, implausible
 from slamcu_server.ingest.quota import Quota
+from slamcu_server.problems import Problem
 from slamcu_server.settings import Settings
 
 pytestmark = pytest.mark.anyio
@@ -68,6 +71,20 @@ async def test_what_no_camera_can_have_seen_is_refused_and_the_rest_is_kept(
         (0, "too-many-finds"),
         (1, "too-many-finds"),
     ]
+
+
+def test_who_begins_when_others_end_is_seen_together_with_them(make_report: MakeReport) -> None:
+    """Half of the finds end at the instant at which the others begin."""
+
+    def together(count: int) -> str | None:
+        (one,) = make_report(1).passes
+        before, after = (finds(make_report(1), count, 0.0, 0.001).passes for _ in range(2))
+        length = one.ended_at - one.started_at
+        after = tuple(replace(item, started_at=one.ended_at, ended_at=one.ended_at + length) for item in after)
+        return implausible(replace(make_report(1), passes=before + after))
+
+    assert together(FINDS_AT_ONCE // 2) is None
+    assert together(FINDS_AT_ONCE // 2 + 1) == "66 finds in view at the same time, expected at most 64"
 
 
 @pytest.fixture
@@ -124,6 +141,19 @@ async def test_a_gzip_stream_of_ever_so_many_members_is_refused_at_once(
     assert (await client.post("/v1/data-messages", content=members, headers=headers)).json()["accepted"] == 2
 
 
+@pytest.mark.parametrize("gzipped", [False, True])
+async def test_a_body_of_the_limit_is_read_and_a_byte_more_is_not(gzipped: bool) -> None:
+    async def chunks(length: int) -> AsyncIterator[bytes]:
+        content = gzip.compress(bytes(length)) if gzipped else bytes(length)
+        yield content[:7]
+        yield content[7:]
+
+    assert await read(chunks(200_000), gzip=gzipped, limit=200_000) == bytes(200_000)
+    with pytest.raises(Problem) as refused:
+        await read(chunks(200_001), gzip=gzipped, limit=200_000)
+    assert (refused.value.status_code, refused.value.code) == (413, "body-too-large")
+
+
 async def test_others_have_their_turn_while_a_body_is_inflated() -> None:
     turns = 0
 
@@ -156,3 +186,20 @@ def test_a_bucket_fills_steadily_and_holds_no_more_than_a_burst() -> None:
     quota.charge(1, 2)
     assert quota.wait_s(1) > 0.0
     assert Quota(0.0, 1.0).wait_s(1) == 0.0
+
+
+def test_a_batch_that_fails_gives_back_what_was_kept_for_it() -> None:
+    quota = Quota(2.0, 10.0, lambda: 0.0)
+    with contextlib.suppress(ValueError), quota.holding(1, 50):
+        assert quota.wait_s(1) > 0.0, "what is being read may be more than the bucket has"
+        assert quota.wait_s(2) == 0.0
+        raise ValueError("the body cannot be read")
+    assert quota.wait_s(1) == 0.0
+
+
+def test_the_account_that_has_been_silent_longest_is_forgotten_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(quotas, "_ACCOUNTS", 2)
+    quota = Quota(2.0, 10.0, lambda: 0.0)
+    for account in (1, 2, 1, 3):
+        quota.charge(account, 10)
+    assert [quota.wait_s(account) > 0.0 for account in (1, 2, 3)] == [True, False, True]

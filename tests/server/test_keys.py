@@ -9,11 +9,11 @@ import httpx
 import pytest
 from fastapi import APIRouter, FastAPI
 from sqlalchemy import text
-from sqlalchemy.ext.asyncio import AsyncEngine
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
-from slamcu_server.accounts import service
+from slamcu_server.accounts import repository, service
 from slamcu_server.accounts.authentication import Admin, MapReader, Provider, Reporter
-from slamcu_server.accounts.schemas import IssuedKey
+from slamcu_server.accounts.schemas import IssuedKey, StoredKey
 
 pytestmark = pytest.mark.anyio
 
@@ -144,6 +144,27 @@ async def test_a_revoked_key_works_no_longer_than_the_cache(
     assert (await client.get("/doors/report", headers=auth(unused))).status_code == 401
     monkeypatch.setattr(service, "CACHE_SECONDS", 0.0)
     assert (await client.get("/doors/report", headers=auth(key))).status_code == 401
+
+
+async def test_a_key_is_looked_up_once_in_a_while_and_few_are_remembered(
+    engine: AsyncEngine, issue_key: IssueKey, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(service, "_CACHE_SIZE", 2)
+    asked: list[str] = []
+    find = repository.find_key
+
+    async def counted(connection: AsyncConnection, key_id: str) -> StoredKey | None:
+        asked.append(key_id)
+        return await find(connection, key_id)
+
+    monkeypatch.setattr(repository, "find_key", counted)
+    keys = [await issue_key("vehicle") for _ in range(3)]
+    authenticator = service.Authenticator(engine)
+    for index in (0, 1, 0, 0, 2, 2, 0):  # the third takes the place of the first, which was asked for before the second
+        principal = await authenticator.authenticate(keys[index].key)
+        assert principal is not None
+        assert principal.key_id == keys[index].key_id
+    assert asked == [keys[index].key_id for index in (0, 1, 2, 0)]
 
 
 async def test_labels_are_taken_once(engine: AsyncEngine, issue_key: IssueKey) -> None:

@@ -123,6 +123,22 @@ async def test_a_declared_length_is_refused_before_it_is_sent(client: httpx.Asyn
     problem_of(answer)
 
 
+@pytest.mark.parametrize("declared", [True, False])
+@pytest.mark.parametrize(("more", "code"), [(0, "not-protobuf"), (1, "body-too-large")])
+async def test_a_body_of_the_greatest_length_is_read_and_a_longer_one_is_not(
+    *, client: httpx.AsyncClient, vehicle: dict[str, str], settings: Settings, declared: bool, more: int, code: str
+) -> None:
+    body = b"\xff" * (settings.max_body_bytes + more)
+
+    async def pieces() -> Any:
+        for begin in range(0, len(body), 2**16):
+            yield body[begin : begin + 2**16]
+
+    headers = vehicle | {"Content-Type": "application/x-protobuf"}
+    answer = await client.post("/v1/data-messages", content=body if declared else pieces(), headers=headers)
+    assert problem_of(answer)["type"] == f"urn:slamcu:problem:{code}"
+
+
 async def test_headers_keep_browsers_and_caches_at_bay(client: httpx.AsyncClient, vehicle: dict[str, str]) -> None:
     for path in ("/livez", "/v1/maps", "/nowhere"):
         headers = (await client.get(path, headers=vehicle)).headers
