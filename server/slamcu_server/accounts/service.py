@@ -117,11 +117,9 @@ class Authenticator:
             return cached[1]
         async with self._engine.connect() as connection:
             stored = await repository.find_key(connection, key_id)
-        if stored is None:
-            self._cache.pop(key_id, None)
-        else:
+        self._cache.pop(key_id, None)  # so that it comes last
+        if stored is not None:
             self._cache[key_id] = (time.monotonic(), stored)
-            self._cache.move_to_end(key_id)
             while len(self._cache) > _CACHE_SIZE:
                 self._cache.popitem(last=False)
         return stored
