@@ -43,6 +43,21 @@ def check_whole(holder: object, field: str, low: int, high: int) -> None:
         raise FieldError(field, f"a whole number in [{low}, {high}]", value)
 
 
+class ClockError(SlamcuError):
+    """The time of a record does not follow the records before it.
+
+    Parameters
+    ----------
+    message : what is wrong, for people.
+    t : s, of the record.
+    now : s, of the records before.
+    """
+
+    def __init__(self, message: str, t: float, now: float) -> None:
+        self.t, self.now = t, now
+        super().__init__(message)
+
+
 class FilterLostError(SlamcuError):
     """The filter's numbers have broken down: what it believes is worth nothing, and a new session is needed."""
 

@@ -5,6 +5,7 @@
     SlamcuError
     └── ClientError
         ├── SessionError            the caller used a session wrongly
+        │   ├── SessionClockError
         │   └── SessionClosedError
         ├── OutboxError             the file that holds unsent messages cannot be used
         ├── ConnectionSettingsError the server's address or key has the wrong form
@@ -31,6 +32,13 @@ class ClientError(SlamcuError):
 
 class SessionError(ClientError, ValueError):
     """A session was given what it cannot use, such as a time before the last one or an unknown sensor."""
+
+
+class SessionClockError(SessionError):
+    """A time is before the last one, or more than an hour after it.
+
+    One such record is lost. If they go on, the car's clock has been set: a new session is due.
+    """
 
 
 class SessionClosedError(SessionError):

@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from slamcu_client.errors import SessionClosedError, SessionError
+from slamcu_client.errors import SessionClockError, SessionClosedError, SessionError
 from slamcu_client.kinds import with_kinds
 from slamcu_client.outbox import Outbox
 from slamcu_client.reporter import Reporter, ReportPolicy
@@ -24,7 +24,7 @@ from slamcu_core.drive import (
     Odometry,
     Record,
 )
-from slamcu_core.errors import SlamcuError, WireError
+from slamcu_core.errors import ClockError, SlamcuError, WireError
 from slamcu_core.filter import FeatureEstimate, FilterParameters, PoseEstimate, SlamcuFilter
 from slamcu_core.hd_map import HDMap
 from slamcu_core.reports import Health, ReportMessage
@@ -148,16 +148,21 @@ class VehicleSession:
     def feed(self, record: Record) -> None:
         """Take one record of any kind.
 
-        Raises SessionError, and the record counts for nothing, if time runs backwards, the sensor is not in the
-        header or a value makes no sense, and SessionClosedError after `close`.
+        After a pause of more than 3 s a record counts once the next has confirmed its time.
+
+        Raises SessionClockError, and the record counts for nothing, if time runs backwards or leaps ahead by more than
+        an hour, SessionError if the sensor is not in the header or a value makes no sense, and SessionClosedError after
+        `close`.
         """
         if self._closed:
             raise SessionClosedError("the session is closed")
         try:
             passes = self._filter.feed(record)
+        except ClockError as error:
+            raise SessionClockError(str(error)) from error
         except SlamcuError as error:
             raise SessionError(str(error)) from error
-        t, before = record.t, self._t
+        t, before = self._filter.time, self._t
         if self._reporter is not None and before is not None and t > before:
             self._reporter.tick(t, self._instant(before))
         self._t = t
@@ -212,6 +217,11 @@ class VehicleSession:
     def health(self) -> Health:
         """How far the filter is to be trusted now."""
         return self._filter.health
+
+    @property
+    def records_dropped(self) -> int:
+        """How many records came after a pause with a time that the next one showed to be wrong."""
+        return self._filter.dropped
 
     @property
     def passes(self) -> int:

@@ -11,8 +11,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.drive import Occluder
+from slamcu_core.drive import Occluder, Sensor
 from slamcu_core.filter import existence
+from slamcu_core.filter.calibration import SensorCalibration
 from slamcu_core.filter.careful_update import Occasion, weigh_with_care
 from slamcu_core.filter.detectability import DetectionRate, RatesInView
 from slamcu_core.filter.detections import Instant, Seen
@@ -21,7 +22,10 @@ from slamcu_core.filter.frame_update import FrameUpdate
 from slamcu_core.filter.health import HealthMonitor
 from slamcu_core.filter.map_management import MapManagement
 from slamcu_core.filter.neighbourhood import Neighbourhood
-from slamcu_core.filter.table import FeatureTable, Kind
+from slamcu_core.filter.outline import MeanLook
+from slamcu_core.filter.parameters import FilterParameters
+from slamcu_core.filter.particles import Particles
+from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
 from slamcu_core.filter.view import Lookout, View
 from slamcu_core.filter.whiteness import Whiteness
 from slamcu_core.models import SensorModel
@@ -49,6 +53,30 @@ class SensorAtWork:
     last_frame: float = -np.inf
     occluders: tuple[Occluder, ...] = ()
     occluders_at: float = -np.inf
+
+    @classmethod
+    def install(
+        cls,
+        sensor: Sensor,
+        table: FeatureTable,
+        particles: Particles,
+        calibration: SensorCalibration,
+        *,
+        parameters: FilterParameters,
+        names: Vocabulary,
+    ) -> SensorAtWork:
+        """Put a sensor to work on the rows and particles of one drive."""
+        model = SensorModel(sensor)
+        codes = np.array([names.code(name) for name in sensor.classes], dtype=np.intp)
+        parts = model, table, particles, calibration
+        return cls(
+            model,
+            Lookout(*parts, MeanLook(*parts, codes=codes, gate=parameters.gate)),
+            FrameUpdate(*parts, parameters),
+            codes,
+            DetectionRate(sensor.detection_probability, sensor.max_range_m),
+            Whiteness(model, parameters.correlation_time_s),
+        )
 
 
 class FrameHandling:

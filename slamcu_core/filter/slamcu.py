@@ -16,19 +16,16 @@ from slamcu_core.filter.beliefs import Beliefs
 from slamcu_core.filter.beside import Beside
 from slamcu_core.filter.calibration import GnssBias, SensorCalibration
 from slamcu_core.filter.closing import PassClosing
-from slamcu_core.filter.detectability import DetectionRate
 from slamcu_core.filter.detections import Instant, read_detections
 from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
 from slamcu_core.filter.fixes import FixWatch
 from slamcu_core.filter.frame_handling import FrameHandling, SensorAtWork
-from slamcu_core.filter.frame_update import FrameUpdate
 from slamcu_core.filter.health import HealthMonitor
 from slamcu_core.filter.hindsight import Hindsight
 from slamcu_core.filter.intake import Intake
 from slamcu_core.filter.map_management import MapManagement
 from slamcu_core.filter.neighbourhood import Neighbourhood
 from slamcu_core.filter.outage import Outage
-from slamcu_core.filter.outline import MeanLook
 from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.passes import PassReporter
@@ -36,12 +33,9 @@ from slamcu_core.filter.reckoning import DeadReckoning
 from slamcu_core.filter.resampling import resample
 from slamcu_core.filter.riders import Riders
 from slamcu_core.filter.table import FeatureTable, Vocabulary
-from slamcu_core.filter.view import Lookout
 from slamcu_core.filter.whereabouts import Whereabouts
-from slamcu_core.filter.whiteness import Whiteness
 from slamcu_core.geometry import LocalFrame, compass_to_math
 from slamcu_core.hd_map import HDMap
-from slamcu_core.models import SensorModel
 from slamcu_core.reports import Doubt, Health, PassReport
 
 Array = NDArray[np.float64]
@@ -120,7 +114,11 @@ class SlamcuFilter:
             beside=Beside(hd_map, self._table, self._beliefs, self._management),
             reporter=PassReporter(self._table, hd_map, header.start_time, self._names),
         )
-        self._sensors = {sensor.id: self._install(SensorModel(sensor)) for sensor in header.sensors}
+        parts = self._table, self._particles, self._calibration
+        self._sensors = {
+            sensor.id: SensorAtWork.install(sensor, *parts, parameters=self.parameters, names=self._names)
+            for sensor in header.sensors
+        }
         self._monitor = HealthMonitor(
             self.parameters.detection_concentration, self.parameters.gate, self.parameters.unmapped_share
         )
@@ -156,34 +154,31 @@ class SlamcuFilter:
         self._last_frame = 0.0  # s, of any sensor
         self._lost: str | None = None  # why no record is taken any more
 
-    def _install(self, model: SensorModel) -> SensorAtWork:
-        codes = np.array([self._names.code(name) for name in model.sensor.classes], dtype=np.intp)
-        parts = model, self._table, self._particles, self._calibration
-        lookout = Lookout(*parts, MeanLook(*parts, codes=codes, gate=self.parameters.gate))
-        rates = DetectionRate(model.sensor.detection_probability, model.sensor.max_range_m)
-        whiteness = Whiteness(model, self.parameters.correlation_time_s)
-        return SensorAtWork(model, lookout, FrameUpdate(*parts, self.parameters), codes, rates, whiteness)
-
     # --- what comes in ---------------------------------------------------------------------------------------------
 
     def feed(self, record: Record) -> list[PassReport]:
         """Take the next record of the drive and return the passes that it ended.
 
-        Raises SlamcuError if time runs backwards or leaps ahead by more than an hour, a sensor is not in the header, or
-        a value makes no sense (see `check_record`); the filter is then as before. Raises FilterLostError if the
-        numbers break down all the same: what is believed is then worth nothing, and no record is taken any more.
+        After a pause of more than 3 s a record waits for the next one, and is dropped if that is of an earlier time.
+
+        Raises ClockError if time runs backwards or leaps ahead by more than an hour, SlamcuError if a sensor is not in
+        the header or a value makes no sense (see `check_record`); the filter is then as before. Raises FilterLostError
+        if the numbers break down all the same: what is believed is then worth nothing, and no record is taken any more.
         """
         if self._lost is not None:
             raise FilterLostError(self._lost)
-        self._intake.admit(record, self._reckoning.time)
+        admitted = self._intake.admit(record, self.time)
         try:
-            ended = self._fall_silent() if self._reckoning.falls_silent(record.t) else []
-            return ended + self._take(record)
+            return [report for one in admitted for report in self._take(one)]
         except (ArithmeticError, ValueError) as error:  # a matrix that is not positive definite is a ValueError
             self._lost = f"the filter is lost at t = {record.t} s, a new session is needed: {error}"
             raise FilterLostError(self._lost) from error
 
     def _take(self, record: Record) -> list[PassReport]:
+        ended = self._fall_silent() if self._reckoning.falls_silent(record.t) else []
+        return ended + self._by_kind(record)
+
+    def _by_kind(self, record: Record) -> list[PassReport]:
         if isinstance(record, Odometry):
             self._reckoning.tell(record)
             return []
@@ -208,7 +203,7 @@ class SlamcuFilter:
         """End the drive: close every open pass and return its report; a filter that is lost has none."""
         if self._lost is not None:
             return []
-        self._reckoning.advance(self._reckoning.time)
+        self._reckoning.advance(self.time)
         return self._closing.all()
 
     def _fix(self, record: GnssFix) -> None:
@@ -260,9 +255,19 @@ class SlamcuFilter:
     # --- what is believed -------------------------------------------------------------------------------------------
 
     @property
+    def time(self) -> float:
+        """The time of the last record that was taken, s since the start of the drive."""
+        return self._reckoning.time
+
+    @property
+    def dropped(self) -> int:
+        """Number of records after a pause whose time was wrong, as the next one showed."""
+        return self._intake.dropped
+
+    @property
     def pose(self) -> PoseEstimate:
         """The pose at the last record."""
-        return self._beliefs.pose(self._reckoning.time, self._reckoning.travel)
+        return self._beliefs.pose(self.time, self._reckoning.travel)
 
     @property
     def health(self) -> Health:

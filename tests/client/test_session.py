@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import slamcu_client.session
-from slamcu_client import Outbox, ReportPolicy, SessionClosedError, SessionError, VehicleSession
+from slamcu_client import Outbox, ReportPolicy, SessionClockError, SessionClosedError, SessionError, VehicleSession
 from slamcu_core.drive import Detection, DetectionFrame, GnssFix, ObjectFrame, Occluder, Odometry, Sensor, SensorKind
 from slamcu_core.filter import FilterParameters
 from slamcu_core.reports import DetectionStatus, PassReport, ReportMessage
@@ -226,6 +226,42 @@ def test_an_error_in_the_drive_leaves_the_session_open_for_another_try(drive, tm
         state = outbox.session("drive-1")
         assert state.last_message_id > 0
         assert not state.closed
+
+
+def test_one_wild_time_changes_no_message(drive, tmp_path: Path, undisturbed: list[bytes]) -> None:
+    middle = len(drive.records) // 2
+    wild = replace(drive.records[middle], t=drive.records[middle].t + 1_800.0)
+    with Outbox(tmp_path / "o") as outbox:
+        with session_on(drive, outbox) as session:
+            for record in [*drive.records[:middle], wild, *drive.records[middle:]]:
+                session.feed(record)
+            assert session.records_dropped == 1
+        assert [message.body for message in outbox.pending(10_000)] == undisturbed
+
+
+def test_a_clock_that_is_set_back_is_told_from_other_errors_and_a_session_can_follow(drive, tmp_path: Path) -> None:
+    with Outbox(tmp_path / "o") as outbox:
+        session = session_on(drive, outbox)
+        for record in drive.records[:60]:
+            session.feed(record)
+        last = drive.records[59].t
+        for ahead in range(3):
+            with pytest.raises(SessionClockError, match="time runs backwards"):
+                session.odometry(last - 1.0 + 0.1 * ahead, 10.0, 0.0)
+        with pytest.raises(SessionClockError, match="leaps ahead"):
+            session.odometry(last + 4_000.0, 10.0, 0.0)
+        session.feed(drive.records[60])
+        session.close()
+        pose, sigma = session.pose, session.pose.covariance_m2[0] ** 0.5
+        start = replace(drive.header.initial_pose, lon=pose.lon, lat=pose.lat, position_std_m=sigma)
+        header = replace(drive.header, session_id="drive-2", initial_pose=start)
+        with VehicleSession(drive.hd_map, header, outbox) as following:
+            for record in drive.records[61:]:
+                following.feed(replace(record, t=record.t - drive.records[61].t))
+        told = {one.feature.object_id: one.state for one in following.features() if one.feature and one.passes}
+        assert len(told) >= len(drive.hd_map) - 3
+        assert told == {i: "deleted" if i in drive.gone else "normal" for i in told}
+        assert {message.session_id for message in messages_in(outbox)} == {"drive-1", "drive-2"}
 
 
 CAMERA = replace(Sensor("cam"), kind=SensorKind.RANGE_BEARING)

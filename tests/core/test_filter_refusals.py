@@ -21,7 +21,7 @@ from slamcu_core.drive import (
     Record,
     Sensor,
 )
-from slamcu_core.errors import FieldError, FilterLostError, SlamcuError
+from slamcu_core.errors import ClockError, FieldError, FilterLostError, SlamcuError
 from slamcu_core.filter import FilterParameters, SlamcuFilter
 from slamcu_core.filter.particles import _root
 from slamcu_core.hd_map import HDMap, MapFeature
@@ -78,12 +78,65 @@ def test_any_record_is_refused_as_if_it_had_not_come_or_leaves_numbers(record: R
 
 
 @pytest.mark.parametrize("t", [3602.0, 1e6, 1.8e9])
-def test_one_wild_clock_does_not_end_the_session(t: float) -> None:
+def test_a_clock_that_is_wrong_by_more_than_an_hour_is_refused(t: float) -> None:
     car = drive()
-    with pytest.raises(SlamcuError, match="leaps ahead"):
+    with pytest.raises(ClockError, match="leaps ahead") as told:
         car.feed(GnssFix(t, 2.1, 48.9, 2.5))
+    assert (told.value.t, told.value.now) == (t, 1.0)
     car.feed(Odometry(1.1, 20.0, 0.0))
     assert car.pose.t == 1.1
+
+
+WILD = [
+    Odometry(1800.0, 20.0, 0.0),
+    GnssFix(1800.0, 2.1, 48.9, 2.5),
+    DetectionFrame(1800.0, "camera", (Detection("traffic_sign", 20.0, 0.0, sign="YIELD"),)),
+    ObjectFrame(1800.0, "camera", (Occluder(10.0, 0.0, 2.5),)),
+]
+
+
+@pytest.mark.parametrize("wild", WILD, ids=lambda record: type(record).__name__)
+def test_one_time_that_is_wrong_by_half_an_hour_changes_nothing(wild: Record) -> None:
+    hit, plain = drive(), drive()
+    assert hit.feed(wild) == []
+    for step in range(1, 40):
+        t = 1.0 + step / 10
+        for record in (Odometry(t, 20.0, 0.0), DetectionFrame(t, "camera")):
+            assert hit.feed(record) == plain.feed(record)
+    assert (hit.pose, hit.features(), hit.health) == (plain.pose, plain.features(), plain.health)
+    assert (hit.dropped, plain.dropped) == (1, 0)
+    assert hit.time == 4.9
+
+
+def test_the_first_time_of_a_drive_may_be_wrong_too() -> None:
+    car = SlamcuFilter(MAP, HEADER, FilterParameters(particles=20), rng=np.random.default_rng(2))
+    car.feed(DetectionFrame(900.0, "camera"))
+    car.feed(DetectionFrame(0.1, "camera"))
+    assert (car.time, car.dropped) == (0.1, 1)
+
+
+@pytest.mark.parametrize("after", [100.0, 100.05, 200.0, 3_000.0])
+def test_after_a_pause_the_next_record_confirms_the_time(after: float) -> None:
+    car = drive()
+    car.feed(Odometry(100.0, 20.0, 0.0))
+    assert car.time == 1.0
+    car.feed(DetectionFrame(after, "camera"))
+    assert car.time == (after if after < 103.0 else 100.0)
+    car.feed(Odometry(after + 0.1, 20.0, 0.0))
+    assert car.time == after + 0.1
+    assert car.dropped == 0
+
+
+def test_what_waits_is_kept_when_the_next_record_is_refused() -> None:
+    car = drive()
+    car.feed(DetectionFrame(100.0, "camera"))
+    for bad in (Odometry(0.5, 20.0, 0.0), Odometry(100.1, math.nan, 0.0), DetectionFrame(100.0, "camera")):
+        with pytest.raises(SlamcuError):
+            car.feed(bad)
+    with pytest.raises(ClockError, match=r"t = 9000.0 s after 100.0 s"):
+        car.feed(Odometry(9000.0, 20.0, 0.0))
+    car.feed(Odometry(100.1, 20.0, 0.0))
+    assert (car.time, car.dropped) == (100.1, 0)
 
 
 @pytest.mark.parametrize("error", [np.linalg.LinAlgError("not positive definite"), OverflowError("too large")])

@@ -78,12 +78,12 @@ _ALL = (
     Variant(
         "per_particle_association",
         "each particle associates for itself",
-        swaps=((f"{CORE}.slamcu", "FrameUpdate", PerParticle),),
+        swaps=((f"{CORE}.frame_handling", "FrameUpdate", PerParticle),),
     ),
     Variant(
         "deleted_weigh",
         "Deleted features weigh the particles too",
-        swaps=((f"{CORE}.slamcu", "FrameUpdate", parts.WeighsDeleted),),
+        swaps=((f"{CORE}.frame_handling", "FrameUpdate", parts.WeighsDeleted),),
     ),
     # section 5: the particles
     Variant("particles_50", "50 particles", _set(particles=50)),
