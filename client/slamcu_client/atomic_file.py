@@ -16,15 +16,22 @@ def replacing(path: Path) -> Iterator[Path]:
     The temporary file keeps the ending of the name. It is synced to disk before it is renamed, so that not even a power
     cut leaves half a file; if the block fails, it is removed and `path` stays as it was.
 
-    Raises OSError if the folder cannot be written.
+    Raises OSError about `path` if it cannot be written.
     """
     temporary = path.with_name(f".{secrets.token_hex(8)}{''.join(path.suffixes)}")
-    os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
     try:
+        os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
         yield temporary
         with temporary.open("rb") as written:
             os.fsync(written.fileno())
         temporary.replace(path)
-    except BaseException:
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename in {None, str(temporary)}:
+            raise _about(path, error) from error
         raise
+
+
+def _about(path: Path, error: OSError) -> OSError:
+    """Return an error about a temporary file as one about the file that it would have become."""
+    return OSError(error.errno, error.strerror, str(path))

@@ -54,17 +54,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.getLogger("httpx").setLevel(logging.WARNING)
     logging.getLogger("slamcu_client.server").setLevel(logging.INFO if options.verbose else logging.WARNING)
     try:
-        return int(options.run(options))
+        code = int(options.run(options))
     except SlamcuError as error:
         return _fail(str(error), 1)
     except OSError as error:
         return _fail(f"{error.filename or 'file'}: {error.strerror or error}", 1)
     except KeyboardInterrupt:
         return _fail("interrupted; what is in the outbox stays there", 130)
+    failure = commands.console.failure
+    return code if failure is None else _fail(f"standard output: {failure.strerror or failure}", 1)
 
 
 def _fail(message: str, code: int) -> int:
-    sys.stderr.write(f"slamcu-vehicle: {message}\n")
+    commands.console.say(message)
     return code
 
 

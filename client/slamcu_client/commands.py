@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 import tempfile
 import time
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
+from slamcu_client.console import Console
 from slamcu_client.errors import AnswerError, MapUnavailableError, OutboxError, TransportError
 from slamcu_client.files import load_map_file, opened, write_text
 from slamcu_client.map_cache import MapCache
@@ -27,6 +27,7 @@ from slamcu_core.formats import read_drive_log, write_results
 from slamcu_core.hd_map import HDMap
 
 DONE, LEFT_OVER = 0, 3
+console = Console()
 _REPORT_EVERY = 64  # records between two looks at the progress
 _MAP_RETRY_S = 2.0
 
@@ -61,8 +62,8 @@ class DriveOrder:
 def drive(order: DriveOrder, address: ServerAddress | None) -> int:
     """Drive a recorded log; return the exit code. Raises SlamcuError or OSError for what the user must mend."""
     parameters = FilterParameters() if order.particles is None else FilterParameters(particles=order.particles)
-    if order.result is not None and not order.result.parent.is_dir():
-        raise SlamcuError(f"{order.result}: there is no folder {order.result.parent}")
+    if order.result is not None:
+        _check_target(order.result)  # now, not at the end of a long drive
     with ExitStack() as stack:
         server = stack.enter_context(address.connect()) if address else None
         hd_map = _map(order, server)
@@ -74,7 +75,7 @@ def drive(order: DriveOrder, address: ServerAddress | None) -> int:
         outbox = stack.enter_context(Outbox(outbox_path))
         reported_before = outbox.session(header.session_id).closed
         if reported_before:
-            _say("this drive has been reported before: nothing of it is reported again")
+            console.say("this drive has been reported before: nothing of it is reported again")
         uploader = Uploader(outbox, server) if server else None
         try:
             with uploader.in_background() if uploader else nullcontext():
@@ -83,24 +84,32 @@ def drive(order: DriveOrder, address: ServerAddress | None) -> int:
         finally:
             waiting = outbox.stats().pending
             if waiting:
-                _say(f"{waiting} messages wait in {outbox_path}: slamcu-vehicle upload sends them")
+                console.say(f"{waiting} messages wait in {outbox_path}: slamcu-vehicle upload sends them")
     if code == DONE and server is not None and order.outbox is None:
         # a drive that is run again makes the same messages, which the server knows: no need to keep the counter
         outbox_path.unlink(missing_ok=True)
     return code
 
 
+def _check_target(path: Path) -> None:
+    if not path.parent.is_dir():
+        raise SlamcuError(f"{path}: there is no folder {path.parent}")
+    if path.is_dir():
+        raise SlamcuError(f"{path}: is a folder, and should be a file")
+
+
 def fetch_map(address: ServerAddress, name: str, out: Path, bbox: BoundingBox | None) -> int:
     """Fetch a map into a file; return the exit code."""
+    _check_target(out)
     with address.connect() as server:
         snapshot = MapCache(out, server, name, bbox=bbox).refresh()
     watched = sum(feature.watched for feature in snapshot.hd_map)
     identity = snapshot.hd_map.identity
-    _tell(
+    console.tell(
         f"{out}: {identity.source} {identity.version}, {len(snapshot.hd_map) - watched} features and {watched} to watch"
     )
     if not snapshot.fresh:
-        _say(f"{snapshot.stale_because}: this is the copy of {snapshot.fetched_at:%Y-%m-%d %H:%M} UTC")
+        console.say(f"{snapshot.stale_because}: this is the copy of {snapshot.fetched_at:%Y-%m-%d %H:%M} UTC")
         return LEFT_OVER
     return DONE
 
@@ -118,16 +127,20 @@ def _map(order: DriveOrder, server: Server | None) -> HDMap:
         return load_map_file(order.map_file)
     if server is None or order.map_name is None:
         raise SlamcuError("a map is needed: --map, or --map-name with --server")
-    deadline = time.monotonic() + order.wait_s
+    deadline, told = time.monotonic() + order.wait_s, False
     with tempfile.TemporaryDirectory(prefix="slamcu-") as folder:
         cache = MapCache(Path(folder) / "map.geojson", server, order.map_name)
         while True:
             try:
                 return cache.refresh().hd_map
             except MapUnavailableError as error:  # no network, or no server that answers: another moment may have both
-                lost = isinstance(error.__cause__, TransportError | AnswerError)
+                why = error.__cause__
+                lost = isinstance(why, TransportError | AnswerError)
                 if not lost or time.monotonic() + _MAP_RETRY_S > deadline:
-                    raise
+                    raise SlamcuError(f"the map {order.map_name} cannot be had: {why or error}") from error
+                if not told:
+                    console.say(f"no map yet, and asking on for {order.wait_s:g} s: {why}")
+                    told = True
             time.sleep(_MAP_RETRY_S)
 
 
@@ -159,36 +172,30 @@ def _drive_log(order: DriveOrder, hd_map: HDMap, parameters: FilterParameters, o
     if order.result is not None:
         write_text(order.result, write_results(result_features(estimates)))
     reported = f", {session.passes_reported} reported" if outbox is not None else ""
-    _tell(f"{header.session_id}: {seconds:.1f} s, {count} records, {session.passes} passes{reported}")
+    console.tell(f"{header.session_id}: {seconds:.1f} s, {count} records, {session.passes} passes{reported}")
     for line in summary_lines(hd_map, estimates):
-        _tell(line)
+        console.tell(line)
     lost = session.passes_dropped + session.passes_unusable
     if lost:
-        _say(f"{lost} passes could not be reported")
+        console.say(f"{lost} passes could not be reported")
     if not session.health.trusted:
-        _say("the filter has lost its way on this drive: its reports are flagged, and its result is not to be trusted")
+        console.say(
+            "the filter has lost its way: the reports of this drive are flagged, and its result is not to be trusted"
+        )
 
 
 def _deliver(uploader: Uploader, outbox: Outbox, wait_s: float) -> int:
     result: UploadResult = uploader.flush(wait_s)
-    _tell(
+    console.tell(
         f"messages: {result.accepted} accepted, {result.duplicates} known already, {result.rejected} rejected, "
         f"{result.remaining} waiting"
     )
     if result.remaining and uploader.health.failing:
-        _say(f"the newest attempt failed: {uploader.health.last_failure}")
+        console.say(f"the newest attempt failed: {uploader.health.last_failure}")
         if uploader.health.strangers:
-            _say("a hotspot or a proxy stands in the way, or this is not the server's address")
+            console.say("a hotspot or a proxy stands in the way, or this is not the server's address")
     for message in outbox.rejected(limit=min(result.rejected, 5)) if result.rejected else ():
-        _say(
+        console.say(
             f"rejected: message {message.key.message_id} of {message.key.session_id}: {message.reason} {message.detail}"
         )
     return LEFT_OVER if result.remaining or result.rejected else DONE
-
-
-def _tell(text: str) -> None:
-    sys.stdout.write(f"{text}\n")
-
-
-def _say(message: str) -> None:
-    sys.stderr.write(f"slamcu-vehicle: {message}\n")

@@ -92,7 +92,9 @@ class MapCache:
             if isinstance(error, AnswerError) and _is_refusal(error.response):
                 raise
             if stored is None:
-                raise MapUnavailableError(f"there is no copy of the map in {self.path}, and {error}") from error
+                raise MapUnavailableError(
+                    f"there is no copy of the map {self._name} in {self.path}, and {error}"
+                ) from error
             return MapSnapshot(stored.hd_map, stored.fetched_at, fresh=False, stale_because=str(error))
         if stored is not None and pages == stored.pages:
             return MapSnapshot(stored.hd_map, stored.fetched_at, fresh=True)

@@ -24,7 +24,7 @@ class ProgressBar:
     def __init__(self, label: str, total: int, stream: TextIO | None = None) -> None:
         self._label, self._total = label, max(total, 1)
         self._stream = sys.stderr if stream is None else stream
-        self._shown = self._stream.isatty()
+        self._shown = self._stream is not None and self._stream.isatty()  # None: closed by whoever started us
         self._start = time.monotonic()
         self._drawn_at = -1.0
 

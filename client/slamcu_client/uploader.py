@@ -228,7 +228,8 @@ class Uploader:
             [(batch[index].key, reason, detail) for index, reason, detail in receipt.rejected],
         )
         for index, reason, detail in receipt.rejected:
-            _log.warning("the server rejected message %s: %s %s", batch[index].key, reason, detail)
+            key = batch[index].key
+            _log.warning("the server rejected message %d of %s: %s %s", key.message_id, key.session_id, reason, detail)
         self._accepted += receipt.accepted
         self._duplicates += receipt.duplicates
         self._rejected += len(receipt.rejected)

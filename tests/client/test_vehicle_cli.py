@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import gzip
 import json
 import os
@@ -10,10 +11,12 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from slamcu_client import Outbox
+from slamcu_client.atomic_file import replacing
 from slamcu_client.cli import main
 from slamcu_core.formats import read_results, write_drive_log, write_hd_map
 from slamcu_core.hd_map import MapFeature, MapIdentity
@@ -49,6 +52,7 @@ def vehicle(capfd: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, 
 
 
 LOCAL = ("drive", "--map", "map.geojson", "--log", "drive.jsonl")
+FETCH = ("fetch-map", "--map", "m", "--server", "http://localhost:1", "--api-key", "k")
 
 
 def test_a_drive_without_a_server(folder: Path, vehicle, drive) -> None:
@@ -268,7 +272,51 @@ def test_a_car_without_a_map_asks_again_as_long_as_it_waits(folder: Path, vehicl
     fake.pages = lambda query, _headers: faults.problem(503)
     code, _, err = vehicle(*drive, "--wait", "0")
     assert code == 1
-    assert "there is no copy of the map" in err
+    assert err.startswith("slamcu-vehicle: the map test-road cannot be had: GET http")
+    assert "answered 503" in err
+
+
+def _run(*arguments: str, **streams: Any) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "slamcu_client", *arguments, "--particles", "20"]
+    return subprocess.run(command, check=False, text=True, stderr=subprocess.PIPE, **streams)
+
+
+def test_a_reader_that_has_seen_enough_costs_no_report(folder: Path, fake, key) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)  # as `| head -1` does after its line
+    done = _run(*LOCAL, "--server", fake.url, stdout=writing)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert fake.stored
+    assert not list(folder.glob("*.outbox")), "all is delivered"
+
+
+def test_a_full_disk_under_the_output_is_told_and_costs_no_report(folder: Path, fake, key) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = _run(*LOCAL, "--server", fake.url, stdout=full)
+    assert (done.returncode, done.stderr) == (1, "slamcu-vehicle: standard output: No space left on device\n")
+    assert fake.stored
+
+
+@pytest.mark.parametrize(("closed", "code"), [(">&-", 0), ("2>&-", 0), (">&- 2>&-", 0)])
+def test_output_may_be_closed(folder: Path, closed: str, code: int) -> None:
+    command = f'"{sys.executable}" -m slamcu_client {" ".join(LOCAL)} --particles 20 --result out.geojson {closed}'
+    done = subprocess.run(command, shell=True, check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (code, "")
+    assert Path("out.geojson").exists()
+
+
+def test_a_file_that_cannot_be_written_is_named_and_not_its_temporary(folder: Path) -> None:
+    for trouble in (OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()):
+        with pytest.raises(type(trouble)) as caught, replacing(Path("map.geojson")):
+            raise trouble
+        if isinstance(caught.value, OSError):
+            assert (caught.value.filename, caught.value.strerror) == ("map.geojson", "No space left on device")
+    with pytest.raises(OSError, match=r"nowhere/x\.geojson"), replacing(Path("nowhere/x.geojson")):
+        pass
+    with pytest.raises(OSError, match="other"), replacing(Path("map.geojson")):
+        raise FileNotFoundError(errno.ENOENT, "No such file", "other")
+    assert not [path for path in folder.iterdir() if path.name.startswith(".")]
 
 
 def _spoil(path: Path, line: int, change: Callable[[dict], dict | str]) -> None:
@@ -319,6 +367,9 @@ def test_a_result_is_not_touched_by_a_drive_that_fails(folder: Path, vehicle) ->
         (("drive", "--map", "map.geojson", "--log", "map.geojson"), "map.geojson, line 1"),
         (("drive", "--map", "map.geojson", "--log", "cut.jsonl.gz"), "gzip packing is broken"),
         ((*LOCAL, "--result", "no/such/folder.geojson"), "there is no folder no/such"),
+        ((*LOCAL, "--result", "."), ".: is a folder"),
+        ((*FETCH, "--out", "no/m"), "there is no folder no"),
+        ((*FETCH, "--out", "."), ".: is a folder"),
         ((*LOCAL, "--outbox", "map.geojson"), "map.geojson: is there, but is not an outbox"),
         ((*LOCAL, "--server", "example.org", "--api-key", "k"), "a server's address looks like"),
         (("upload", "--outbox", "nowhere", "--server", "http://x", "--api-key", "k"), "no such outbox"),
