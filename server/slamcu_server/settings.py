@@ -112,7 +112,7 @@ class Settings(BaseSettings):
         description="How often a worker recomputes the trust in contributors from their records; 0: never.",
     )
     message_retention_days: float = Field(
-        30.0, gt=0, description="How long the body of an aggregated message is kept; its identity stays."
+        30.0, gt=0, description="How long the body of an aggregated message is kept; of its identity only digests stay."
     )
     archive_retention_days: float = Field(
         365.0, gt=0, description="How long passes that no belief is folded from any more are kept to explain changes."

@@ -135,7 +135,7 @@ async def quarantine(connection: AsyncConnection, reasons: Mapping[int, str]) ->
 async def empty_bodies(connection: AsyncConnection, retention: timedelta, limit: int) -> int:
     """Empty up to `limit` bodies of messages fused longer ago than `retention` and return how many.
 
-    Their identity stays, so that what is sent again is still known.
+    Their identity stays, so that what is sent again is still known: until no pass is kept, then as `forgetting` has it.
     """
     result = await connection.execute(
         text("""

@@ -18,6 +18,7 @@ from slamcu_core.errors import SlamcuError
 from slamcu_server.aggregation import log
 from slamcu_server.aggregation.batch import BatchError, Fused, process_batch, quarantine
 from slamcu_server.aggregation.fading import fade
+from slamcu_server.aggregation.forgetting import forget_messages
 from slamcu_server.aggregation.policy import count_outdated, load_policy, remember_policy
 from slamcu_server.logs import told
 from slamcu_server.metrics.instruments import Instruments
@@ -78,6 +79,7 @@ async def run_worker(
             if begun - cleaned_at > _HOUSEKEEPING_S:
                 await forget_bodies(engine, timedelta(days=settings.message_retention_days))
                 await forget_archived(engine, timedelta(days=settings.archive_retention_days))
+                await forget_messages(engine, timedelta(days=settings.message_retention_days))
                 await fade(engine, policy, clock_ahead=timedelta(seconds=settings.max_clock_ahead_s))
                 cleaned_at = begun
             if 0 < settings.trust_interval_s < begun - trusted_at:

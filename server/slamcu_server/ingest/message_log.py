@@ -12,6 +12,8 @@ from typing import Protocol
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_server.aggregation import log as worker_log
+from slamcu_server.aggregation.boxes import PROBE
+from slamcu_server.aggregation.forgetting import content_digest, ids_digest
 from slamcu_server.aggregation.log import ClaimedMessage
 from slamcu_server.database.statements import text
 
@@ -79,9 +81,9 @@ class PostgresMessageLog:
         # Sorted, so that two batches with the same messages wait for each other and do not deadlock.
         unique = sorted(first.values(), key=lambda entry: entry.key)
         inserted = await self._insert(account_id, unique)
-        present = {key: first[key].sha256 for key in inserted}
-        if earlier := [entry for entry in unique if entry.key not in inserted]:
-            present |= await self._hashes(account_id, earlier)
+        present = {(key, first[key].sha256) for key in inserted}
+        if earlier := [entry for entry in entries if entry.key not in inserted]:
+            present |= await self._here(account_id, earlier)
         if inserted:
             await worker_log.call(self._connection)
         return [self._outcome(entry, first, inserted, present) for entry in entries]
@@ -103,21 +105,24 @@ class PostgresMessageLog:
         entry: LogEntry,
         first: Mapping[tuple[str, int], LogEntry],
         inserted: set[tuple[str, int]],
-        present: Mapping[tuple[str, int], bytes],
+        present: set[tuple[tuple[str, int], bytes]],
     ) -> Outcome:
-        if entry.sha256 != present[entry.key]:
+        if (entry.key, entry.sha256) not in present:
             return Outcome.CONFLICT
         return Outcome.ACCEPTED if entry.key in inserted and first[entry.key] is entry else Outcome.DUPLICATE
 
     async def _insert(self, account_id: int, entries: Sequence[LogEntry]) -> set[tuple[str, int]]:
         result = await self._connection.execute(
-            text("""
+            text(f"""
             INSERT INTO messages (account_id, session_id, message_id, sha256, body, region, condensed)
             SELECT :account, new.* FROM unnest(CAST(:sessions AS text[]), CAST(:numbers AS bigint[]),
                 CAST(:hashes AS bytea[]), CAST(:bodies AS bytea[]), CAST(:regions AS bigint[]),
-                CAST(:condensed AS bytea[])) AS new
+                CAST(:condensed AS bytea[])) AS new (session_id, message_id, sha256, body, region, condensed)
+            WHERE NOT EXISTS (
+                SELECT FROM forgotten_messages f
+                WHERE f.ids = {ids_digest(":account", "new.session_id", "new.message_id")} {PROBE})
             ON CONFLICT (account_id, session_id, message_id) DO NOTHING
-            RETURNING session_id, message_id"""),
+            RETURNING session_id, message_id"""),  # noqa: S608  (constants)
             {
                 "account": account_id,
                 "sessions": [entry.session_id for entry in entries],
@@ -130,18 +135,25 @@ class PostgresMessageLog:
         )
         return {(row.session_id, row.message_id) for row in result}
 
-    async def _hashes(self, account_id: int, entries: Sequence[LogEntry]) -> dict[tuple[str, int], bytes]:
+    async def _here(self, account_id: int, entries: Sequence[LogEntry]) -> set[tuple[tuple[str, int], bytes]]:
+        """Return the ids and hashes of those entries that are here with the same bytes, or were and are forgotten."""
         # A new statement: it sees what another transaction committed while the insert waited for it.
         result = await self._connection.execute(
-            text("""
-            SELECT m.session_id, m.message_id, m.sha256 FROM messages m
-            JOIN unnest(CAST(:sessions AS text[]), CAST(:numbers AS bigint[])) AS asked (session_id, message_id)
-                USING (session_id, message_id)
-            WHERE m.account_id = :account"""),
+            text(f"""
+            SELECT asked.* FROM unnest(CAST(:sessions AS text[]), CAST(:numbers AS bigint[]), CAST(:hashes AS bytea[]))
+                AS asked (session_id, message_id, sha256)
+            LEFT JOIN LATERAL (
+                SELECT m.sha256 FROM messages m WHERE m.account_id = :account
+                AND m.session_id = asked.session_id AND m.message_id = asked.message_id {PROBE}) m ON true
+            LEFT JOIN LATERAL (
+                SELECT f.content FROM forgotten_messages f
+                WHERE f.ids = {ids_digest(":account", "asked.session_id", "asked.message_id")} {PROBE}) f ON true
+            WHERE asked.sha256 = m.sha256 OR f.content = {content_digest("asked.sha256")}"""),  # noqa: S608  (constants)
             {
                 "account": account_id,
                 "sessions": [entry.session_id for entry in entries],
                 "numbers": [entry.message_id for entry in entries],
+                "hashes": [entry.sha256 for entry in entries],
             },
         )
-        return {(row.session_id, row.message_id): bytes(row.sha256) for row in result}
+        return {((row.session_id, row.message_id), bytes(row.sha256)) for row in result}

@@ -7,7 +7,7 @@ from slamcu_server.database.tables.believed import feature_states, policies, tru
 from slamcu_server.database.tables.columns import metadata
 from slamcu_server.database.tables.mapped import feature_versions, features, map_versions, maps
 from slamcu_server.database.tables.published import change_entries, changes, feed_position
-from slamcu_server.database.tables.reported import candidates, messages, passes
+from slamcu_server.database.tables.reported import candidates, forgetting, forgotten_messages, messages, passes
 from slamcu_server.database.tables.retracted import corrections, retractions
 
 __all__ = [
@@ -21,6 +21,8 @@ __all__ = [
     "feature_versions",
     "features",
     "feed_position",
+    "forgetting",
+    "forgotten_messages",
     "map_versions",
     "maps",
     "messages",

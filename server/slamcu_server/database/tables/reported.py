@@ -49,6 +49,23 @@ Index(
 )
 Index("ix_messages_quarantined", messages.c.id, postgresql_where=text("state = 'quarantined'"))
 
+# What is left of messages in the end (slamcu_server.aggregation.forgetting), and how far that has gone.
+forgotten_messages = Table(
+    "forgotten_messages",
+    metadata,
+    Column("ids", LargeBinary, primary_key=True),  # digest of account, session and message id
+    Column("content", LargeBinary, nullable=False),  # digest of the bytes
+)
+forgetting = Table(
+    "forgetting",
+    metadata,
+    Column("id", Boolean, primary_key=True, server_default=text("true")),
+    Column("key", LargeBinary, nullable=False),  # of the digests
+    Column("swept_to", BigInteger, nullable=False, server_default=text("0")),  # the message up to which was looked
+    Column("swept_at", DateTime(timezone=True), nullable=False, server_default=func.now()),
+    CheckConstraint("id", name="single"),
+)
+
 candidates = Table(
     "candidates",
     metadata,
