@@ -24,10 +24,12 @@ def with_kinds(estimates: Sequence[FeatureEstimate], policy: Policy | None = Non
     """Join each deleted feature with the new one that took its place, or is the same elsewhere, into one estimate.
 
     The joined estimate is about the feature of the map, says `modified` or `moved`, and has place, masses and sign of
-    what stands there now. What has no sign type looks like any other of its class, and is not joined.
+    what stands there now. So it is with a watch feature that the car has seen: it is no estimate of its own then, for
+    what is one change must not become two because the cloud has heard of it. What has no sign type looks like any other
+    of its class, and is not joined.
     """
     gone = [i for i, one in enumerate(estimates) if _mapped(one) and one.state == ChangeState.DELETED and one.sign]
-    found = [i for i, one in enumerate(estimates) if one.feature is None and one.state == ChangeState.NEW and one.sign]
+    found = [i for i, one in enumerate(estimates) if not _mapped(one) and one.state == ChangeState.NEW and one.sign]
     if not gone or not found:
         return list(estimates)
     rules = policy or Policy()

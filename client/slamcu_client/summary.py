@@ -47,8 +47,11 @@ def summary_lines(hd_map: HDMap, estimates: Iterable[FeatureEstimate]) -> Iterat
     yield _row(ChangeState.NEW.value, found[ChangeState.NEW])
     if unproven := found.total() - found[ChangeState.NEW]:
         yield _row(ChangeState.UNCLASSIFIED.value, unproven, "seen too little to tell")
-    if watched:
-        yield f"on watch for the cloud: {watched.total()} candidates"
+    candidates = sum(feature.watched for feature in hd_map)
+    if candidates:
+        # what is not among the estimates is what a sign of the map has become (`kinds`)
+        watched[_THERE] += candidates - watched.total()
+        yield f"on watch for the cloud: {candidates} candidates"
         yield from (_row(verdict, watched[verdict]) for verdict in (_THERE, _NOT_THERE, _UNDECIDED))
 
 

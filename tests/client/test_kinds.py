@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
 
 from slamcu_client.kinds import with_kinds
 from slamcu_client.results import result_features
+from slamcu_client.summary import summary_lines
 from slamcu_core.evidence import Masses
 from slamcu_core.filter import FeatureEstimate
 from slamcu_core.formats import read_results, write_results
 from slamcu_core.geometry import LocalFrame
-from slamcu_core.hd_map import MapFeature
+from slamcu_core.hd_map import HDMap, MapFeature, MapIdentity
 
 FRAME = LocalFrame(2.1, 48.9)
 
@@ -59,6 +61,20 @@ def test_the_same_sign_near_a_deleted_one_has_moved_there() -> None:
     assert one.from_lonlat == (gone.lon, gone.lat)
     document = json.loads("".join(write_results([one])))
     assert document["features"][0]["properties"]["from"] == [gone.lon, gone.lat]
+
+
+def test_a_change_stays_one_when_the_cloud_has_put_its_other_half_on_watch() -> None:
+    gone, there = estimate("deleted", 0.0, "SPEED_LIMIT", "130", 7), estimate("new", 18.0, "SPEED_LIMIT", "130")
+    watched = replace(there, feature=MapFeature(3, there.lon, there.lat, sign="SPEED_LIMIT", value="130", tile_id=-5))
+    (one,) = result_features(with_kinds([gone, watched]))
+    assert (one.state.value, one.map_object_id) == ("moved", 7)
+    assert (one.lon, one.lat) == (there.lon, there.lat)
+    unseen = replace(watched, state="unclassified")
+    assert with_kinds([gone, unseen]) == [gone, unseen]
+    hd_map = HDMap([gone.feature, watched.feature], MapIdentity("town", "1"))
+    lines = [" ".join(line.split()) for line in summary_lines(hd_map, with_kinds([gone, watched]))]
+    assert "moved 1" in lines
+    assert lines[-4:] == ["on watch for the cloud: 1 candidates", "there 1", "not there 0", "undecided 0"]
 
 
 @pytest.mark.parametrize(
