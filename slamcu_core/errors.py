@@ -33,7 +33,7 @@ def check_within(holder: object, field: str, low: float, high: float, unit: str)
     value = getattr(holder, field)
     number = type(value) is float or (isinstance(value, Real) and not isinstance(value, bool))
     if not (number and low <= value <= high):
-        raise FieldError(field, f"in [{low:g}, {high:g}] {unit}".rstrip(), value)
+        raise FieldError(field, f"a number in [{low:g}, {high:g}] {unit}".rstrip(), value)
 
 
 def check_whole(holder: object, field: str, low: int, high: int) -> None:

@@ -127,47 +127,38 @@ def _read_pose(fields: Fields, position: Callable[[Fields], tuple[float, float]]
         InitialPose,
         lon,
         lat,
-        heading_deg=fields.number("heading_deg", low=-360.0, high=360.0),
-        position_std_m=fields.number_or("position_std_m", _POSE.position_std_m, low=0.0),
-        heading_std_deg=fields.number_or("heading_std_deg", _POSE.heading_std_deg, low=0.0),
+        heading_deg=fields.number("heading_deg"),
+        position_std_m=fields.number_or("position_std_m", _POSE.position_std_m),
+        heading_std_deg=fields.number_or("heading_std_deg", _POSE.heading_std_deg),
     )
     return fields.checked(make)
 
 
 def _read_sensor(fields: Fields) -> Sensor:
-    range_std_m = fields.number_or("range_std_m", _SENSOR.range_std_m, low=0.0)
-    range_std_rel = fields.number_or("range_std_rel", _SENSOR.range_std_rel, low=0.0)
-    if range_std_m == 0.0 == range_std_rel:
-        raise fields.place.error("expected range_std_m or range_std_rel above 0", fields.at("range_std_m"))
-    min_range_m = fields.number_or("min_range_m", _SENSOR.min_range_m, low=0.0)
+    min_range_m = fields.number_or("min_range_m", _SENSOR.min_range_m)
     make = partial(
         Sensor,
         id=fields.text("id"),
         kind=SensorKind(fields.text("kind", choices=list(SensorKind))) if "kind" in fields else _SENSOR.kind,
-        fov_deg=fields.number_or("fov_deg", _SENSOR.fov_deg, above=0.0, high=360.0),
+        fov_deg=fields.number_or("fov_deg", _SENSOR.fov_deg),
         min_range_m=min_range_m,
-        max_range_m=fields.number_or("max_range_m", max(_SENSOR.max_range_m, min_range_m + 1.0), above=min_range_m),
-        rate_hz=fields.number_or("rate_hz", _SENSOR.rate_hz, above=0.0),
+        max_range_m=fields.number_or("max_range_m", max(_SENSOR.max_range_m, min_range_m + 1.0)),
+        rate_hz=fields.number_or("rate_hz", _SENSOR.rate_hz),
         mount=_read_mount(fields.child("mount")) if "mount" in fields else _SENSOR.mount,
-        range_std_m=range_std_m,
-        range_std_rel=range_std_rel,
-        bearing_std_rad=fields.number_or("bearing_std_rad", _SENSOR.bearing_std_rad, above=0.0),
-        position_std_m=fields.number_or("position_std_m", _SENSOR.position_std_m, above=0.0),
-        detection_probability=fields.number_or(
-            "detection_probability", _SENSOR.detection_probability, above=0.0, high=1.0
-        ),
-        false_alarms_per_frame=fields.number_or("false_alarms_per_frame", _SENSOR.false_alarms_per_frame, low=0.0),
+        range_std_m=fields.number_or("range_std_m", _SENSOR.range_std_m),
+        range_std_rel=fields.number_or("range_std_rel", _SENSOR.range_std_rel),
+        bearing_std_rad=fields.number_or("bearing_std_rad", _SENSOR.bearing_std_rad),
+        position_std_m=fields.number_or("position_std_m", _SENSOR.position_std_m),
+        detection_probability=fields.number_or("detection_probability", _SENSOR.detection_probability),
+        false_alarms_per_frame=fields.number_or("false_alarms_per_frame", _SENSOR.false_alarms_per_frame),
         classes=fields.texts("classes") if "classes" in fields else _SENSOR.classes,
     )
     return fields.checked(make)
 
 
 def _read_mount(fields: Fields) -> Mount:
-    return Mount(
-        fields.number_or("x", 0.0, low=-100.0, high=100.0),
-        fields.number_or("y", 0.0, low=-100.0, high=100.0),
-        fields.number_or("yaw_deg", 0.0, low=-360.0, high=360.0),
-    )
+    numbers = [fields.number_or(name, getattr(_SENSOR.mount, name)) for name in ("x", "y", "yaw_deg")]
+    return fields.checked(partial(Mount, *numbers))
 
 
 def _sensor_to_json(sensor: Sensor) -> dict[str, object]:

@@ -239,6 +239,16 @@ def test_a_message_that_the_server_trips_over_lets_the_others_pass(fake, faults,
     assert fake.stored == sent
 
 
+@pytest.mark.parametrize("patience", [1, 3])
+def test_others_go_first_after_so_many_failures_over_one_message(fake, faults, outbox, server, patience: int) -> None:
+    fill(outbox, 2)
+    fake.poison = lambda body: faults.problem(500) if faults.ids_of(body)[1] == 1 else None
+    uploader = Uploader(outbox, server, replace(IMPATIENT, max_messages=1, failures_before_put_off=patience))
+    for _ in range(patience + 1):
+        uploader._step()
+    assert fake.batches == [[("s", 1)]] * patience + [[("s", 2)]]
+
+
 def test_a_key_that_is_not_accepted_stops_the_upload_and_keeps_the_data(fake, outbox) -> None:
     fill(outbox, 3)
     with Server(fake.url, "wrong-key") as server:

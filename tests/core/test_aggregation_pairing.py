@@ -59,6 +59,9 @@ def paired(features: list[Any], candidates: list[Any], policy: Policy = POLICY) 
         (half("c", 3.0, sign=None, value=None), None),  # what it is must be known to know it again elsewhere
         (half("c", 3.0, feature_class="pole", sign=None, value=None), None),
         (half("c", 0.4), False),
+        # a vague place is within the gate of anything, and the same only within the match radius
+        (half("c", POLICY.default.match_radius_m, value="60", std_m=5.0), True),
+        (half("c", POLICY.default.match_radius_m + 0.01, value="60", std_m=5.0), None),
     ],
 )
 def test_what_two_halves_are_together(candidate: Any, expected: bool | None) -> None:

@@ -83,6 +83,23 @@ def test_an_honest_car_keeps_all_trust_and_liars_lose_it() -> None:
     assert trust_share(Tally(10_000, 0)) == 1.0
 
 
+@pytest.mark.parametrize(
+    ("counted", "share"),
+    [
+        (Tally(62, 18), 1.0),  # with what everybody starts with, right 80 times in 100
+        (Tally(61, 19), 0.95),
+        (Tally(47, 33), 0.5),  # 65 in 100: half way to the toss of a coin
+        (Tally(32, 48), FLOOR),  # the toss of a coin
+        (Tally(47, 33, 0, 9, false_finds=9), 0.7),  # 65 in 91: clutter is not counted
+        (Tally(47, 33, 0, 1, conspired=1), 0.4),  # 65 in 104: what others claim too counts five times
+    ],
+)
+def test_trust_goes_from_all_of_it_to_the_floor_as_a_record_nears_the_toss_of_a_coin(
+    counted: Tally, share: float
+) -> None:
+    assert trust_share(counted) == pytest.approx(share)
+
+
 def test_trust_falls_with_every_wrong_word_and_never_below_the_floor() -> None:
     for one, other in pairwise(trust_share(Tally(40, wrong)) for wrong in range(200)):
         assert FLOOR <= other <= one

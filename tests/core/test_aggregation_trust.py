@@ -176,12 +176,14 @@ def test_a_contributor_without_trust_neither_says_nor_erases() -> None:
 
 
 def test_trust_is_no_parameter_of_the_policy() -> None:
-    policy = Policy()
-    known = policy.trusting(trusts(c1=(0.5, False)))
+    policy = Policy(classes={"pole": ClassPolicy(contributors_new=3)})
+    table = trusts(c1=(0.5, False))
+    known = policy.trusting(table)
     assert known.version == policy.version
     assert known.to_document() == policy.to_document()
     assert known == policy
-    assert known.for_class("pole").trusts is known.default.trusts
+    assert known.for_class("traffic_sign").trusts is known.for_class("pole").trusts is table
+    assert known.for_class("pole").contributors_new == 3
     with pytest.raises(EvidenceError, match=r"default\.trusts is unknown"):
         Policy.from_document({"default": {"trusts": None}})
 

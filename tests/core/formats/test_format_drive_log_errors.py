@@ -59,21 +59,22 @@ def put(path: str, value: object) -> Callable[[Json], None]:
         (put("initial_pose", [1, 2]), "initial_pose", "expected an object, not a list"),
         (put("initial_pose.lon", 181.0), "initial_pose.lon", "from -180 to 180, not 181"),
         (put("initial_pose.heading_deg", True), "initial_pose.heading_deg", "not a boolean"),
-        (put("initial_pose.position_std_m", -1), "initial_pose.position_std_m", "from 0"),
+        (put("initial_pose.position_std_m", -1), "initial_pose.position_std_m", "a number in [0, 100000] m"),
         (put("wheelbase_m", 0), "wheelbase_m", "above 0"),
         (put("sensors", {}), "sensors", "a list of objects"),
         (put("sensors.1", 3), "sensors[1]", "expected an object, not 3"),
         (put("sensors.1.id", "front_camera"), "sensors[1].id", "two sensors have the id 'front_camera'"),
         (put("sensors.0.kind", "sonar"), "sensors[0].kind", "one of position, range_bearing"),
-        (put("sensors.0.fov_deg", 361), "sensors[0].fov_deg", "above 0 up to 360"),
-        (put("sensors.0.max_range_m", 1), "sensors[0].max_range_m", "above 2"),
-        (put("sensors.0.rate_hz", 0), "sensors[0].rate_hz", "above 0"),
+        (put("sensors.0.fov_deg", 361), "sensors[0].fov_deg", "a number in [1e-06, 360] degrees"),
+        (put("sensors.0.max_range_m", 1), "sensors[0].max_range_m", "above min_range_m, 2"),
+        (put("sensors.0.rate_hz", 0), "sensors[0].rate_hz", "in [1e-06, 1e+06] Hz"),
         (put("sensors.0.mount.yaw_deg", "left"), "sensors[0].mount.yaw_deg", "a number"),
-        (put("sensors.0.range_std_m", -0.1), "sensors[0].range_std_m", "from 0"),
-        (put("sensors.0.bearing_std_rad", 0), "sensors[0].bearing_std_rad", "above 0"),
-        (put("sensors.0.detection_probability", 1.1), "sensors[0].detection_probability", "up to 1"),
-        (put("sensors.0.detection_probability", 0), "sensors[0].detection_probability", "above 0"),
-        (put("sensors.0.false_alarms_per_frame", -1), "sensors[0].false_alarms_per_frame", "from 0"),
+        (put("sensors.0.mount.x", 101), "sensors[0].mount.x", "a number in [-100, 100] m"),
+        (put("sensors.0.range_std_m", -0.1), "sensors[0].range_std_m", "in [0, 1000] m"),
+        (put("sensors.0.bearing_std_rad", 0), "sensors[0].bearing_std_rad", "in [1e-06, 10] rad"),
+        (put("sensors.0.detection_probability", 1.1), "sensors[0].detection_probability", "in [1e-06, 1]"),
+        (put("sensors.0.detection_probability", 0), "sensors[0].detection_probability", "in [1e-06, 1]"),
+        (put("sensors.0.false_alarms_per_frame", -1), "sensors[0].false_alarms_per_frame", "in [0, 1000]"),
         (put("sensors.0.classes", ["pole", 7]), "sensors[0].classes.1", "printable text"),
         (put("sensors.0.classes", "pole"), "sensors[0].classes", "a list of text"),
     ],
@@ -93,6 +94,12 @@ def test_a_sensor_without_any_noise_is_refused(header: Json) -> None:
     header["sensors"][0] |= {"range_std_m": 0, "range_std_rel": 0}
 
     assert refusal([json.dumps(header)]).field == "sensors[0].range_std_m"
+
+
+def test_a_sensor_that_measures_no_range_needs_no_noise_of_it(header: Json) -> None:
+    header["sensors"][0] |= {"kind": "position", "range_std_m": 0, "range_std_rel": 0}
+
+    read_drive_log([json.dumps(header)])
 
 
 @pytest.mark.parametrize(

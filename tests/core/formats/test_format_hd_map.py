@@ -84,6 +84,13 @@ def test_the_identity_may_stand_after_the_features(feature_of: Callable[..., Any
     assert reader.identity == IDENTITY
 
 
+@pytest.mark.parametrize("name", ["urn:ogc:def:crs:OGC:1.3:CRS84", "urn:ogc:def:crs:EPSG::4326", "EPSG:4326"])
+def test_wgs84_may_be_stated_as_older_writers_do(name: str) -> None:
+    crs = {"type": "name", "properties": {"name": name}}
+
+    assert list(read_hd_map([json.dumps({"type": "FeatureCollection", "crs": crs, "features": []})])) == []
+
+
 def test_a_map_without_features_or_identity_is_a_map(text_of: Callable[..., str]) -> None:
     reader = read_hd_map([text_of()])
 

@@ -136,6 +136,7 @@ MASSES = {"state": "normal", "mass_exists": 0.5, "mass_not_exists": 0.25, "mass_
         (read_truth, ({"truth": "deleted"}, "map_object_id", "an integer from 1")),
         (read_truth, ({"truth": "moved", "map_object_id": 1}, "from", "a list of 2 numbers")),
         (read_truth, ({"truth": "moved", "map_object_id": 1, "from": [0, 91]}, "from", "[longitude, latitude]")),
+        (read_truth, ({"truth": "moved", "map_object_id": 1, "from": [-181, 0]}, "from", "[longitude, latitude]")),
         (read_truth, ({"truth": "modified", "map_object_id": 1, "map_sign": "X"}, "map_sign", "TrafficSign type")),
         (read_results, (MASSES | {"mass_exists": 0.6}, "mass_exists", "the three masses sum to 1.1, expected 1")),
         (read_results, (MASSES | {"mass_unknown": -0.1}, "mass_unknown", "from 0 to 1")),
