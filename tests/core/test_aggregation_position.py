@@ -54,6 +54,18 @@ def test_one_wrong_car_does_not_move_it(cars: int, each: int) -> None:
         assert np.linalg.norm(fused.xy - honest.xy) <= (1e-9 if same else 0.5)
 
 
+def test_who_was_near_only_with_the_help_of_one_who_is_not_goes_too() -> None:
+    east = np.array([-0.3, 0.0, 0.3, 1.8, 2.6, 3.1])
+    places, covariance = np.column_stack([east, np.zeros(6)]), np.tile(0.6**2 * np.eye(2), (6, 1, 1))
+    fused = fuse_positions(places, covariance, np.arange(6), POLICY)
+    assert fused.inlier.tolist() == [True, True, True, True, False, False]
+    # each is judged by what the others say who are left
+    for one in range(6):
+        others = np.flatnonzero(fused.inlier & (np.arange(6) != one))
+        distance = (east[one] - east[others].mean()) ** 2 / (0.6**2 * (1.0 + 1.0 / len(others)))
+        assert (distance <= POLICY.gate) == fused.inlier[one]
+
+
 def test_a_wrong_car_with_many_passes_has_one_voice() -> None:
     rng = np.random.default_rng(3)
     xy, covariance, who = _passes(rng, 4, 1)

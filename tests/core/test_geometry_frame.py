@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from slamcu_core.geometry import LocalFrame
+from slamcu_core.geometry import LocalFrame, to_local_each
 
 shifts = st.floats(-3000.0, 3000.0)
 
@@ -36,3 +36,10 @@ def test_a_place_keeps_its_longitude_to_the_last_digit_but_one() -> None:
     lon, lat = LocalFrame(2.1000001, 48.9).to_geographic((0.0, 10.0))
     assert float(lon) == 2.1000001
     assert math.isclose(float(lat), 48.9 + 10.0 / 111_212.0, abs_tol=1e-8)
+
+
+def test_places_are_projected_each_to_its_own_frame() -> None:
+    frames = [LocalFrame(2.1, 48.9), LocalFrame(-179.999, -16.5), LocalFrame(10.0, 89.99)]
+    which, lon, lat = [2, 0, 1, 0], [11.0, 2.11, 179.999, 2.09], [89.995, 48.91, -16.49, 48.89]
+    expected = [frames[number].to_local(*place) for number, *place in zip(which, lon, lat, strict=True)]
+    np.testing.assert_allclose(to_local_each(frames, which, lon, lat), expected, atol=1e-8)

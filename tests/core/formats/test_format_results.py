@@ -144,6 +144,7 @@ MASSES = {"state": "normal", "mass_exists": 0.5, "mass_not_exists": 0.25, "mass_
         (read_results, (MASSES | {"covariance_m2": [1, 2, 1]}, "covariance_m2", "positive definite")),
         (read_results, (MASSES | {"conflict": 2}, "conflict", "from 0 to 1")),
         (read_results, (MASSES | {"passes": -1}, "passes", "an integer from 0")),
+        (read_results, (MASSES | {"map_object_id": 0}, "map_object_id", "an integer from 1")),
         (read_results, (MASSES | {"vehicles": 1.0}, "vehicles", "an integer from 0")),
     ],
 )
