@@ -173,6 +173,7 @@ def test_needle_shaped_covariances_stay_well_conditioned() -> None:
         ([[0.0, 0.0, 0.0]], [np.eye(2)], [1], "shapes"),
         ([[0.0, 0.0]], [np.eye(2)], [1, 2], "shapes"),
         ([[np.nan, 0.0]], [np.eye(2)], [1], "finite"),
+        ([[0.0, 0.0]], [[[np.inf, 0.0], [0.0, 1.0]]], [1], "finite"),
         ([[0.0, 0.0]], [[[1.0, 2.0], [2.0, 1.0]]], [1], "positive definite"),
         ([[0.0, 0.0]], [[[1.0, 0.5], [0.0, 1.0]]], [1], "symmetric"),
         ([[0.0, 0.0]], [np.zeros((2, 2))], [1], "positive definite"),
