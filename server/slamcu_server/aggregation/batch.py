@@ -17,6 +17,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from slamcu_core.aggregation import Policy
 from slamcu_server.aggregation import log, quiet, reads, windows
+from slamcu_server.aggregation.attempts import BatchError
 from slamcu_server.aggregation.cells import Cell, regions_of
 from slamcu_server.aggregation.condensed import read
 from slamcu_server.aggregation.locks import (
@@ -59,14 +60,6 @@ class Fused:
         return self.fused + self.quarantined
 
 
-class BatchError(Exception):
-    """A batch failed and left no trace; its cause says why."""
-
-    def __init__(self, ids: Sequence[int]) -> None:
-        super().__init__(f"a batch of {len(ids)} messages failed")
-        self.ids = tuple(ids)
-
-
 async def process_batch(engine: AsyncEngine, policy: Policy, *, limit: int, ids: Sequence[int] | None = None) -> Fused:
     """Fuse up to `limit` pending messages (of `ids`, if given) and return what was done.
 
@@ -92,7 +85,7 @@ async def process_batch(engine: AsyncEngine, policy: Policy, *, limit: int, ids:
         except Exception as error:
             if not claimed:
                 raise
-            raise BatchError([message.id for message in claimed]) from error
+            raise BatchError("messages", [message.id for message in claimed]) from error
 
 
 async def quarantine(engine: AsyncEngine, message_id: int, reason: str) -> None:

@@ -7,13 +7,18 @@ garages withdraws nothing.
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Sequence
 from datetime import timedelta
+from typing import Any
 
 from sqlalchemy import Row
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from slamcu_core.aggregation import Policy
-from slamcu_server.aggregation import reads
+from slamcu_server.aggregation import aside, reads
+from slamcu_server.aggregation.aside import Work, due
+from slamcu_server.aggregation.attempts import BatchError, attempt
 from slamcu_server.aggregation.cells import Cell
 from slamcu_server.aggregation.locks import BeyondLockedCells, lock_cells
 from slamcu_server.aggregation.refold import Touched, cells_of, refold
@@ -22,6 +27,9 @@ from slamcu_server.database.statements import text
 from slamcu_server.retraction import marks
 from slamcu_server.trust.table import trusting
 
+logger = logging.getLogger(__name__)
+
+_Row = Row[tuple[Any, ...]]
 _AT_ONCE = 50  # changes that one transaction looks at
 
 _OPEN = """
@@ -32,7 +40,7 @@ _ANY_SOON = text(f"SELECT EXISTS (SELECT {_OPEN} LEAST(s.fades_at, k.fades_at) <
 _DUE = text(f"""
     SELECT c.id, c.feature_id, c.candidate_id, c.map_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat
     {_OPEN.replace("WHERE", "LEFT JOIN passes p ON p.id = k.founding_pass JOIN maps m ON m.id = c.map_id WHERE")}
-        LEAST(s.fades_at, k.fades_at) <= m.evidence_time AND c.id > :after
+        LEAST(s.fades_at, k.fades_at) <= m.evidence_time AND c.id > :after AND {due(Work.FADING, "c.id")}
     ORDER BY c.id LIMIT :limit""")
 _SET_CLOCKS = text("""
     UPDATE maps m SET evidence_time = newest.at FROM (
@@ -52,22 +60,43 @@ async def fade(engine: AsyncEngine, policy: Policy, *, clock_ahead: timedelta = 
     clock_ahead : how far in the future reports may lie.
     """
     async with engine.begin() as connection:
-        if not (await connection.execute(_ANY_SOON, {"ahead": clock_ahead})).scalar_one():
-            return 0
-        await connection.execute(_SET_CLOCKS)
+        begun = (await connection.execute(text("SELECT now()"))).scalar_one()
+        soon = (await connection.execute(_ANY_SOON, {"ahead": clock_ahead})).scalar_one()
+        if soon:
+            await connection.execute(_SET_CLOCKS)
     told, after = 0, 0
-    while True:
+    while soon:
         async with engine.connect() as connection:
-            due = list(await connection.execute(_DUE, {"after": after, "limit": _AT_ONCE}))
-        if not due:
-            return told
-        told += await _look_again(engine, policy, due)
-        after = due[-1].id
+            due_now = list(await connection.execute(_DUE, {"after": after, "limit": _AT_ONCE}))
+        if not due_now:
+            break
+        told += await _look_again(engine, policy, due_now)
+        after = due_now[-1].id
+    async with engine.begin() as connection:
+        await aside.drop_due(connection, Work.FADING, begun)  # what had failed, and was done now or need not be
+    return told
 
 
-async def _look_again(engine: AsyncEngine, policy: Policy, due: list[Row[tuple[object, ...]]]) -> int:
-    features = frozenset(row.feature_id for row in due if row.feature_id is not None)
-    places = frozenset((row.map_id, row.lon, row.lat) for row in due if row.lon is not None)
+async def _look_again(engine: AsyncEngine, policy: Policy, rows: Sequence[_Row]) -> int:
+    """Tell of a piece what has faded; of one that fails for a reason that does not pass, change by change.
+
+    Those that fail by themselves are put aside. They are tried again later, and nothing else waits for them.
+    """
+    try:
+        return await attempt(lambda: _piece(engine, policy, rows))
+    except BatchError as failed:
+        if len(rows) > 1:
+            logger.warning("a piece of %d changes failed and is tried one by one", len(rows), exc_info=failed)
+            return sum([await _look_again(engine, policy, [row]) for row in rows])
+        logger.exception("the fading of change %d is put aside", rows[0].id)
+        async with engine.begin() as connection:
+            await aside.put(connection, Work.FADING, rows[0].id, failed.reason)
+        return 0
+
+
+async def _piece(engine: AsyncEngine, policy: Policy, rows: Sequence[_Row]) -> int:
+    features = frozenset(row.feature_id for row in rows if row.feature_id is not None)
+    places = frozenset((row.map_id, row.lon, row.lat) for row in rows if row.lon is not None)
     further: frozenset[Cell] = frozenset()
     while True:
         try:
@@ -75,6 +104,8 @@ async def _look_again(engine: AsyncEngine, policy: Policy, due: list[Row[tuple[o
                 return await _publish(connection, Touched(features, places), policy, further)
         except BeyondLockedCells as beyond:
             further |= beyond.cells
+        except Exception as error:
+            raise BatchError("changes", [row.id for row in rows]) from error
 
 
 async def _publish(connection: AsyncConnection, touched: Touched, policy: Policy, further: frozenset[Cell]) -> int:

@@ -132,6 +132,14 @@ async def quarantine(connection: AsyncConnection, reasons: Mapping[int, str]) ->
     )
 
 
+async def release_quarantined(connection: AsyncConnection) -> int:
+    """Let all messages that were put aside wait to be fused once more, and return how many."""
+    result = await connection.execute(
+        text("UPDATE messages SET state = 'pending', processed_at = NULL, error = NULL WHERE state = 'quarantined'")
+    )
+    return result.rowcount
+
+
 async def empty_bodies(connection: AsyncConnection, retention: timedelta, limit: int) -> int:
     """Empty up to `limit` bodies of messages fused longer ago than `retention` and return how many.
 

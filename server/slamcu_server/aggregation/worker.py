@@ -5,22 +5,20 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from datetime import timedelta
+from typing import TypeVar
 
-from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
-from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from slamcu_core.aggregation import Policy
-from slamcu_core.errors import SlamcuError
 from slamcu_server.aggregation import log
-from slamcu_server.aggregation.batch import BatchError, Fused, process_batch, quarantine
+from slamcu_server.aggregation.attempts import BatchError, attempt, passes
+from slamcu_server.aggregation.batch import Fused, process_batch, quarantine
 from slamcu_server.aggregation.fading import fade
 from slamcu_server.aggregation.forgetting import forget_messages
 from slamcu_server.aggregation.policy import count_outdated, load_policy, remember_policy
-from slamcu_server.logs import told
 from slamcu_server.metrics.instruments import Instruments
 from slamcu_server.retraction.corrections import correct
 from slamcu_server.settings import Settings
@@ -28,15 +26,14 @@ from slamcu_server.trust.job import Recomputed, recompute
 
 logger = logging.getLogger(__name__)
 
+T = TypeVar("T")
+
 BATCH_SIZE = 256
 """Messages: more would share what a batch costs by itself, and wait longer for each other (decision 0023)."""
 
 POLL_S = 1.0  # between looks at the log when nobody calls: a notification may be lost with its connection
 _HOUSEKEEPING_S = 600.0
 _AT_ONCE = 1000
-# SQLSTATE classes after which the same work may succeed: connection, rollback, resources, operator, system
-_PASSING = ("08", "40", "53", "55", "57", "58")
-_ATTEMPTS = 5  # at a batch that was rolled back for reasons that pass
 
 
 async def run_worker(
@@ -49,8 +46,21 @@ async def run_worker(
 ) -> None:
     """Fuse pending messages until `stop` is set; a batch under way is finished first.
 
-    Raises what the database raises when it cannot be reached: the caller starts the worker again.
+    Raises what the database raises when it cannot be reached: the caller starts the worker again. What else goes wrong
+    beside the fusing is logged and counted, and tried again at the next housekeeping: reports must go on being fused.
     """
+
+    async def chore(name: str, work: Awaitable[T]) -> T | None:
+        try:
+            return await work
+        except Exception as error:
+            if passes(error):
+                raise
+            logger.exception("%s failed; it is tried again in %.0f s", name, _HOUSEKEEPING_S)
+            if instruments is not None:
+                instruments.chores_failed.labels(name).inc()
+            return None
+
     policy = load_policy(settings.policy_file)
     async with engine.begin() as connection:
         await remember_policy(connection, policy)
@@ -59,7 +69,7 @@ async def run_worker(
         logger.warning(
             "%d beliefs were folded under another policy than %s: run slamcu-server rebuild", outdated, policy.version
         )
-    cleaned_at = corrected_at = -_HOUSEKEEPING_S
+    cleaned_at = corrected_at = correct_from = -_HOUSEKEEPING_S
     trusted_at = time.monotonic()
     async with _listening(engine) as caller:
         while not stop.is_set():
@@ -72,19 +82,24 @@ async def run_worker(
                 instruments.fused.labels("quarantined").inc(fused.quarantined)
                 instruments.batch_seconds.observe(time.monotonic() - begun)
             # What was retracted must not wait for the traffic to cease, nor the traffic for it.
-            if not fused.messages or begun - corrected_at > POLL_S:
-                if await correct(engine, policy):
+            if begun >= correct_from and (not fused.messages or begun - corrected_at > POLL_S):
+                corrected = await chore("correcting", correct(engine, policy))
+                if corrected:
                     continue
                 corrected_at = begun
+                if corrected is None:
+                    correct_from = begun + _HOUSEKEEPING_S
             if begun - cleaned_at > _HOUSEKEEPING_S:
-                await forget_bodies(engine, timedelta(days=settings.message_retention_days))
-                await forget_archived(engine, timedelta(days=settings.archive_retention_days))
-                await forget_messages(engine, timedelta(days=settings.message_retention_days))
-                await fade(engine, policy, clock_ahead=timedelta(seconds=settings.max_clock_ahead_s))
+                bodies, archive = settings.message_retention_days, settings.archive_retention_days
+                await chore("forgetting", forget_bodies(engine, timedelta(days=bodies)))
+                await chore("forgetting", forget_archived(engine, timedelta(days=archive)))
+                await chore("forgetting", forget_messages(engine, timedelta(days=bodies)))
+                ahead = timedelta(seconds=settings.max_clock_ahead_s)
+                await chore("fading", fade(engine, policy, clock_ahead=ahead))
                 cleaned_at = begun
             if 0 < settings.trust_interval_s < begun - trusted_at:
                 trusted_at = begun
-                _tell(await recompute(engine))
+                _tell(await chore("trusting", recompute(engine)))
                 continue
             if fused.messages:
                 continue
@@ -97,7 +112,7 @@ async def fuse_pending(engine: AsyncEngine, policy: Policy, batch_size: int = BA
     Then only those that fail by themselves are put aside, each with its reason.
     """
     try:
-        return await _attempt(engine, policy, batch_size)
+        return await attempt(lambda: process_batch(engine, policy, limit=batch_size))
     except BatchError as failed:
         logger.warning("a batch of %d messages failed and is tried one by one", len(failed.ids), exc_info=failed)
         done = [await _fuse_alone(engine, policy, message_id) for message_id in failed.ids]
@@ -133,46 +148,13 @@ async def _in_pieces(engine: AsyncEngine, work: Callable[[AsyncConnection], Awai
             return done
 
 
-async def _attempt(engine: AsyncEngine, policy: Policy, limit: int, ids: Sequence[int] | None = None) -> Fused:
-    """Fuse a batch, again if it was rolled back for a reason that passes; raise such a reason if it stays."""
-    for attempt in range(1, _ATTEMPTS + 1):
-        try:
-            return await process_batch(engine, policy, limit=limit, ids=ids)
-        except BatchError as failed:
-            cause = failed.__cause__
-            if cause is None or not _passes(cause):
-                raise
-            if attempt == _ATTEMPTS or _lost(cause):
-                raise cause from None
-            logger.info("a batch was rolled back and is tried again: %s", told(cause))
-            await asyncio.sleep(0.05 * 2**attempt)
-    raise AssertionError("unreachable")
-
-
 async def _fuse_alone(engine: AsyncEngine, policy: Policy, message_id: int) -> Fused:
     try:
-        return await _attempt(engine, policy, 1, [message_id])
+        return await attempt(lambda: process_batch(engine, policy, limit=1, ids=[message_id]))
     except BatchError as failed:
-        cause = failed.__cause__
-        reason = str(cause) if isinstance(cause, SlamcuError) else told(cause or failed)
-        reason = reason.replace("\x00", "?")  # which PostgreSQL cannot store
         logger.exception("message %d is put aside", message_id)
-        await quarantine(engine, message_id, reason[:2000])
+        await quarantine(engine, message_id, failed.reason)
         return Fused(quarantined=1)
-
-
-def _passes(error: BaseException) -> bool:
-    """Whether the same work may succeed later: a message must not be put aside for what the database suffers."""
-    state = getattr(getattr(error, "orig", None), "sqlstate", None)
-    return _lost(error) or (isinstance(state, str) and state.startswith(_PASSING))
-
-
-def _lost(error: BaseException) -> bool:
-    if isinstance(error, DBAPIError) and error.connection_invalidated:
-        return True
-    return isinstance(error, OSError | InterfaceError | PoolTimeoutError | MemoryError) or (
-        isinstance(error, OperationalError) and getattr(error.orig, "sqlstate", None) is None
-    )
 
 
 def _tell(done: Recomputed | None) -> None:

@@ -1,4 +1,4 @@
-"""What is believed, looked over and folded again: rebuild, recompute-trust, check."""
+"""What is believed, looked over and folded again: rebuild, recompute-trust, check, retry."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import json
 from typing import Annotated
 
 import typer
+from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.errors import SlamcuError
-from slamcu_server.commands.common import DataDir, say
+from slamcu_server.commands.common import DataDir, in_transaction, say
 from slamcu_server.runtime import open_database
 from slamcu_server.settings import Settings
 
@@ -19,6 +20,7 @@ def register(app: typer.Typer) -> None:
     app.command("rebuild")(rebuild)
     app.command("recompute-trust")(recompute_trust)
     app.command("check")(check)
+    app.command("retry")(retry)
 
 
 def rebuild(
@@ -103,4 +105,31 @@ def check(
     findings = asyncio.run(run())
     typer.echo(json.dumps(findings.to_document(), indent=2))
     if not findings.sound:
-        raise SlamcuError("something is amiss: see feed_gaps, differences and messages")
+        raise SlamcuError("something is amiss: see feed_gaps, put_aside, differences and messages")
+
+
+def retry(
+    *,
+    messages: Annotated[
+        bool,
+        typer.Option("--messages", help="Quarantined messages too: the workers fuse them, or put them aside again."),
+    ] = False,
+    data_dir: DataDir = None,
+) -> None:
+    """Try at once what failed and was put aside, as after a repair; by itself it is tried again within six hours.
+
+    Prints a line for each: kind of work, key, attempts, the last of them, and why it failed, with tabs between.
+    """
+    from slamcu_server.aggregation import aside, log  # noqa: PLC0415  (the other commands start faster)
+
+    async def run(connection: AsyncConnection) -> tuple[list[aside.PutAside], int]:
+        found = await aside.list_all(connection)
+        await aside.retry(connection)
+        again = await log.release_quarantined(connection) if messages else 0
+        await log.call(connection)
+        return found, again
+
+    found, again = in_transaction(data_dir, run)
+    for one in found:
+        typer.echo(f"{one.work}\t{one.key}\t{one.attempts}\t{one.failed_at.isoformat()}\t{one.error}")
+    say(f"{len(found)} that were put aside are tried at once, and {again} quarantined messages")

@@ -9,6 +9,7 @@ from sqlalchemy import text
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from slamcu_core.aggregation import Policy
+from slamcu_server.aggregation import aside
 from slamcu_server.aggregation.rebuild import differences
 from slamcu_server.database import migrate
 from slamcu_server.database.tables import metadata
@@ -32,13 +33,14 @@ class Findings:
     passes: int
     feed_last_sequence: int
     feed_gaps: int  # numbers up to the last that no entry has
+    put_aside: list[str]  # work that failed for a lasting reason: which, and why
     differences: list[str]  # between what is believed and the fold of the stored passes
     tables: dict[str, TableContent]  # empty unless asked for
 
     @property
     def sound(self) -> bool:
         """Whether nothing is amiss."""
-        return not (self.feed_gaps or self.differences or self.messages.get("quarantined"))
+        return not (self.feed_gaps or self.differences or self.messages.get("quarantined") or self.put_aside)
 
     def to_document(self) -> dict[str, Any]:
         """Return all of it for JSON."""
@@ -69,6 +71,7 @@ async def look_over(engine: AsyncEngine, policy: Policy, *, digests: bool = Fals
                 passes=(await connection.execute(text("SELECT count(*) FROM passes"))).scalar_one(),
                 feed_last_sequence=last,
                 feed_gaps=last - entries,
+                put_aside=[f"{one.work} {one.key}: {one.error}" for one in await aside.list_all(connection)],
                 differences=await differences(engine, policy),
                 tables={table.name: await _content(connection, table.name) for table in metadata.sorted_tables}
                 if digests

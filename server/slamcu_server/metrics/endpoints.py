@@ -5,6 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter, Request, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
+from slamcu_server.aggregation import aside
 from slamcu_server.database.transactions import ReadTransaction
 from slamcu_server.metrics import repository
 from slamcu_server.metrics.instruments import Instruments
@@ -19,6 +20,8 @@ async def metrics(request: Request, connection: ReadTransaction) -> Response:
     backlog = await repository.backlog(connection)
     instruments.pending.set(backlog.pending)
     instruments.quarantined.set(backlog.quarantined)
+    for work, number in (await aside.count(connection)).items():
+        instruments.put_aside.labels(work.value).set(number)
     instruments.lag.set(backlog.lag_s)
     instruments.tell_changes(await repository.count_changes(connection))
     for quantile, seconds in (("0.5", backlog.latency_s), ("0.95", backlog.slow_latency_s)):

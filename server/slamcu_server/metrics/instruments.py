@@ -11,6 +11,9 @@ from sqlalchemy import Row
 
 from slamcu_server.database import migrate
 
+CHORES = ("correcting", "fading", "forgetting", "trusting")
+"""What a worker does beside fusing."""
+
 
 class Instruments:
     """What one application counts, in a registry of its own (so that tests can have several)."""
@@ -36,6 +39,14 @@ class Instruments:
         self.quarantined = Gauge(
             "slamcu_aggregation_quarantined_messages", "Messages that could not be aggregated.", registry=self.registry
         )
+        self.put_aside = Gauge(
+            "slamcu_put_aside", "Work that failed for a lasting reason and is tried again, by kind.", ("work",),
+            registry=self.registry,
+        )  # fmt: skip
+        self.chores_failed = Counter(
+            "slamcu_worker_chores_failed", "What a worker does beside fusing and could not do, by chore.", ("chore",),
+            registry=self.registry,
+        )  # fmt: skip
         self.lag = Gauge(
             "slamcu_aggregation_lag_seconds", "Age of the oldest message not yet aggregated.", registry=self.registry
         )
@@ -79,6 +90,8 @@ class Instruments:
             ("version", "schema"), registry=self.registry,
         )  # fmt: skip
         self.build.labels(version("slamcu-server"), migrate.head()).set(1)
+        for chore in CHORES:
+            self.chores_failed.labels(chore)
         for outcome in ("accepted", "duplicate", "rejected"):
             self.messages.labels(outcome)
 

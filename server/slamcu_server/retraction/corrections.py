@@ -7,6 +7,7 @@ moment, it goes on where it was; between two pieces every belief is the fold of 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -14,7 +15,9 @@ from sqlalchemy import Row, text
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from slamcu_core.aggregation import Policy
-from slamcu_server.aggregation import reads
+from slamcu_server.aggregation import aside, reads
+from slamcu_server.aggregation.aside import Work
+from slamcu_server.aggregation.attempts import BatchError, attempt, passes, reason
 from slamcu_server.aggregation.cells import Cell
 from slamcu_server.aggregation.locks import BeyondLockedCells, lock_cells, require_cells
 from slamcu_server.aggregation.refold import Touched, cells_of, refold
@@ -22,6 +25,8 @@ from slamcu_server.changes import feed
 from slamcu_server.retraction import anchors, marks, repository, returning
 from slamcu_server.retraction.repository import State, StoredRetraction
 from slamcu_server.trust.table import trusting
+
+logger = logging.getLogger(__name__)
 
 PIECE = 200
 """Passes that one transaction takes: they stay far below the budget of cells that one may lock."""
@@ -31,31 +36,30 @@ PIECE = 200
 class _Listed:
     """A piece of the list: which passes, and what they are about."""
 
-    ids: tuple[int, ...]
     passes: frozenset[int]
     features: frozenset[int]
     places: frozenset[tuple[int, float, float]]
 
 
 async def correct(engine: AsyncEngine, policy: Policy, piece: int = PIECE) -> bool:
-    """Do the next piece of what there is to correct; return whether there was anything that nobody else does."""
+    """Do the next piece of what there is to correct; return whether there was anything that nobody else does.
+
+    A piece that fails for a reason that does not pass is tried pass by pass, and those that fail by themselves are put
+    aside: they are tried again later, each alone, and nothing else waits for them.
+    """
     async with engine.connect() as connection:
         if not await repository.anything_to_correct(connection):
             return False
-    async with engine.begin() as connection:
-        waiting = await repository.claim(connection, (State.REQUESTED, State.UNDO_REQUESTED))
-        if waiting is not None:
-            await _list(connection, waiting)
+    if await _list_next(engine):
+        return True
+    try:
+        if await attempt(lambda: _piece(engine, policy, piece)):
             return True
-    further: frozenset[Cell] = frozenset()
-    while True:
-        try:
-            async with engine.begin() as connection:
-                if await _correct_piece(connection, policy, piece, further):
-                    return True
-            break
-        except BeyondLockedCells as beyond:
-            further |= beyond.cells  # another try that holds these too, from the start, so that keys stay in order
+    except BatchError as failed:
+        logger.warning("a piece of %d corrections failed and is tried one by one", len(failed.ids), exc_info=failed)
+        for key in failed.ids:
+            await _correct_alone(engine, policy, key)
+        return True
     async with engine.begin() as connection:
         return await repository.finish(connection) > 0
 
@@ -66,23 +70,67 @@ async def correct_all(engine: AsyncEngine, policy: Policy, piece: int = PIECE) -
         pass
 
 
-async def _list(connection: AsyncConnection, waiting: StoredRetraction) -> None:
-    if waiting.state is State.REQUESTED:
-        await repository.list_passes(connection, waiting)
-    else:
-        await repository.list_marked(connection, waiting)
+async def _list_next(engine: AsyncEngine) -> bool:
+    """List the passes of the next retraction that is to be applied or undone; return whether there was one."""
+    waiting: StoredRetraction | None = None
+    try:
+        async with engine.begin() as connection:
+            waiting = await repository.claim(connection, (State.REQUESTED, State.UNDO_REQUESTED))
+            if waiting is None:
+                return False
+            if waiting.state is State.REQUESTED:
+                await repository.list_passes(connection, waiting)
+            else:
+                await repository.list_marked(connection, waiting)
+            await aside.done(connection, Work.RETRACTION, [waiting.id])
+    except Exception as error:
+        if waiting is None or passes(error):
+            raise
+        logger.exception("the listing of retraction %d is put aside", waiting.id)
+        async with engine.begin() as connection:
+            await aside.put(connection, Work.RETRACTION, waiting.id, reason(error))
+    return True
 
 
-async def _correct_piece(connection: AsyncConnection, policy: Policy, piece: int, further: frozenset[Cell]) -> bool:
-    await marks.hold(connection)
+async def _correct_alone(engine: AsyncEngine, policy: Policy, key: int) -> None:
+    try:
+        await attempt(lambda: _piece(engine, policy, 1, [key]))
+    except BatchError as failed:
+        async with engine.begin() as connection:
+            for mine in await repository.claim_corrections(connection, 1, [key]):
+                logger.exception("correction %d is put aside", mine)
+                await aside.put(connection, Work.CORRECTION, mine, failed.reason)
+
+
+async def _piece(engine: AsyncEngine, policy: Policy, limit: int, ids: Sequence[int] | None = None) -> bool:
+    """Correct up to `limit` listed passes (of `ids`, if given); raise BatchError for whatever goes wrong."""
+    further: frozenset[Cell] = frozenset()
+    while True:
+        claimed: list[int] = []
+        try:
+            async with engine.begin() as connection:
+                await marks.hold(connection)
+                claimed += await repository.claim_corrections(connection, limit, ids)
+                if claimed:
+                    await _correct_piece(connection, policy, claimed, further)
+                return bool(claimed)
+        except BeyondLockedCells as beyond:
+            further |= beyond.cells  # another try that holds these too, from the start, so that keys stay in order
+        except Exception as error:
+            if not claimed:
+                raise
+            raise BatchError("corrections", claimed) from error
+
+
+async def _correct_piece(
+    connection: AsyncConnection, policy: Policy, ids: Sequence[int], further: frozenset[Cell]
+) -> None:
     policy = await trusting(connection, policy)
-    listed = await _claim_piece(connection, piece)
-    if not listed.ids:
-        return False
+    listed = await _about(connection, ids)
     held = further | cells_of([*await reads.anchors(connection, listed.features), *listed.places], policy)
     await lock_cells(connection, held)
     # Another batch may have moved a watch report to the map feature that its candidate became while we waited.
-    again = await _about(connection, listed.ids)
+    again = await _about(connection, ids)
     require_cells(cells_of([*await reads.anchors(connection, again.features), *again.places], policy), held)
     turned = await marks.mark(connection, again.passes)
     tied = await returning.tie(connection, turned, policy)
@@ -92,18 +140,8 @@ async def _correct_piece(connection: AsyncConnection, policy: Policy, piece: int
     beliefs = await refold(connection, Touched(again.features | tied, again.places | passed_on.places), held, policy)
     beliefs = replace(beliefs, dissolved=passed_on.dissolved, corrected=True)
     entries = await feed.publish(connection, beliefs, policy)
-    await connection.execute(
-        text("DELETE FROM corrections WHERE id = ANY(CAST(:ids AS bigint[]))"), {"ids": list(listed.ids)}
-    )
+    await repository.strike_off(connection, ids)
     await feed.append(connection, entries)
-    return True
-
-
-async def _claim_piece(connection: AsyncConnection, limit: int) -> _Listed:
-    claimed = await connection.execute(
-        text("SELECT id FROM corrections ORDER BY id LIMIT :limit FOR UPDATE SKIP LOCKED"), {"limit": limit}
-    )
-    return await _about(connection, [row.id for row in claimed])
 
 
 async def _about(connection: AsyncConnection, ids: Sequence[int]) -> _Listed:
@@ -119,7 +157,6 @@ async def _about(connection: AsyncConnection, ids: Sequence[int]) -> _Listed:
     )
     rows = list(found)
     return _Listed(
-        ids=tuple(ids),
         passes=frozenset(row.id for row in rows),
         features=frozenset(row.feature_id for row in rows if row.feature_id is not None and not row.archived),
         places=frozenset(place for row in rows if (place := _place(row)) is not None),

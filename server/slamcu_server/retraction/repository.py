@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 
-from sqlalchemy import Row, insert, select, text
+from sqlalchemy import Row, func, insert, select, text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
-from slamcu_server.database.tables import accounts, retractions
+from slamcu_server.aggregation import aside
+from slamcu_server.aggregation.aside import Work, due, fresh
+from slamcu_server.database.tables import accounts, corrections, put_aside, retractions
 from slamcu_server.retraction.filter import FIELDS, EvidenceFilter
 from slamcu_server.retraction.marks import ACTIVE
 
@@ -50,15 +52,24 @@ class StoredRetraction:
     passes: int | None
     features: int | None
     candidates: int | None
+    put_aside: int  # of the passes that are still to be corrected, those that failed
     undo_reason: str | None
     undone_by: str | None
     undone_at: datetime | None
 
 
 _CONTRIBUTOR, _REQUESTER, _UNDOER = (accounts.alias(name) for name in ("contributor", "requester", "undoer"))
+_PUT_ASIDE = (
+    select(func.count())
+    .select_from(corrections)
+    .join(put_aside, (put_aside.c.work == Work.CORRECTION) & (put_aside.c.key == corrections.c.id))
+    .where(corrections.c.retraction_id == retractions.c.id)
+    .scalar_subquery()
+)
 _QUERY = (
     select(
         retractions,
+        _PUT_ASIDE.label("put_aside"),
         _CONTRIBUTOR.c.label.label("contributor"),
         _REQUESTER.c.label.label("requester"),
         _UNDOER.c.label.label("undoer"),
@@ -140,7 +151,7 @@ async def anything_to_correct(connection: AsyncConnection) -> bool:
 async def claim(connection: AsyncConnection, states: Collection[State]) -> StoredRetraction | None:
     """Lock the oldest retraction in one of the states that nobody else holds."""
     query = (
-        _QUERY.where(retractions.c.state.in_(states))
+        _QUERY.where(retractions.c.state.in_(states), text(due(Work.RETRACTION, "retractions.id")))
         .order_by(retractions.c.id)
         .limit(1)
         .with_for_update(of=retractions, skip_locked=True)
@@ -178,6 +189,34 @@ async def list_marked(connection: AsyncConnection, retraction: StoredRetraction)
     await connection.execute(text("UPDATE retractions SET state = 'undoing' WHERE id = :id"), {"id": retraction.id})
 
 
+async def claim_corrections(connection: AsyncConnection, limit: int, ids: Sequence[int] | None = None) -> list[int]:
+    """Lock up to `limit` entries of the list (of `ids`, if given) that nobody else holds, and return their ids.
+
+    Those that never failed come first, and else one that did, alone, when its time has come.
+    """
+    if ids is not None:
+        return await _claim_corrections(
+            connection, "l.id = ANY(CAST(:ids AS bigint[])) ORDER BY l.id", limit, list(ids)
+        )
+    claimed = await _claim_corrections(connection, f"{fresh(Work.CORRECTION, 'l.id')} ORDER BY l.id", limit)
+    return claimed or await _claim_corrections(connection, _DUE, 1)
+
+
+_DUE = f"""
+    l.id IN (SELECT key FROM put_aside WHERE work = '{Work.CORRECTION}' AND retry_at <= now()) ORDER BY l.id"""  # noqa: S608  (constants)
+
+
+async def _claim_corrections(connection: AsyncConnection, which: str, limit: int, ids: Sequence[int] = ()) -> list[int]:
+    query = f"SELECT l.id FROM corrections l WHERE {which} LIMIT :limit FOR UPDATE OF l SKIP LOCKED"  # noqa: S608
+    return list((await connection.execute(text(query), {"limit": limit, "ids": ids})).scalars())
+
+
+async def strike_off(connection: AsyncConnection, ids: Sequence[int]) -> None:
+    """Take corrections that are done off the list."""
+    await connection.execute(text("DELETE FROM corrections WHERE id = ANY(CAST(:ids AS bigint[]))"), {"ids": list(ids)})
+    await aside.done(connection, Work.CORRECTION, ids)
+
+
 async def finish(connection: AsyncConnection) -> int:
     """Say of retractions of which nothing is listed any more that they are done; return how many."""
     result = await connection.execute(
@@ -209,6 +248,7 @@ def _stored(row: Row[tuple[object, ...]]) -> StoredRetraction:
         passes=row.passes,
         features=row.features,
         candidates=row.candidates,
+        put_aside=row.put_aside,
         undo_reason=row.undo_reason,
         undone_by=row.undoer,
         undone_at=row.undone_at,

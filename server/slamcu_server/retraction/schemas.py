@@ -88,6 +88,7 @@ class Retraction(BaseModel):
                 "passes": 18240,
                 "features": 911,
                 "candidates": 37,
+                "put_aside": 0,
                 "undo_reason": None,
                 "undone_by": None,
                 "undone_at": None,
@@ -106,6 +107,9 @@ class Retraction(BaseModel):
     passes: int | None = Field(description="Stored passes that it took out, or would; None: not counted yet.")
     features: int | None = Field(description="Map features that they were about.")
     candidates: int | None = Field(description="Candidates that they were about.")
+    put_aside: int = Field(
+        0, description="Passes that could not be taken out, or let in again, so far: they are tried again."
+    )
     undo_reason: str | None = None
     undone_by: str | None = None
     undone_at: datetime | None = None

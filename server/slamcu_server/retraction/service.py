@@ -77,6 +77,7 @@ def present(stored: StoredRetraction) -> Retraction:
         passes=stored.passes,
         features=stored.features,
         candidates=stored.candidates,
+        put_aside=stored.put_aside,
         undo_reason=stored.undo_reason,
         undone_by=stored.undone_by,
         undone_at=stored.undone_at,

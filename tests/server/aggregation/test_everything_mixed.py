@@ -14,6 +14,7 @@ import pytest
 
 from slamcu_core.aggregation import ClassPolicy, Policy
 from slamcu_core.reports import PassReport
+from slamcu_server.accounts.schemas import Principal, Role
 from slamcu_server.aggregation import rebuild
 from slamcu_server.aggregation.fading import fade
 from slamcu_server.aggregation.worker import forget_archived
@@ -28,6 +29,7 @@ pytestmark = pytest.mark.anyio
 
 SIGNS = {number: (60.0 * (number - 1), 0.0) for number in range(1, 11)}
 PLACES = [(60.0 * number + 20.0 + shift, 5.0) for number in range(4) for shift in (0.0, 2.6)]  # of signs that are new
+PROVIDER = Principal(0, Role.PROVIDER, "provider", "key")
 CARS = [f"car-{number}" for number in range(9)]
 
 
@@ -195,7 +197,7 @@ class Walk:
         row = self.rng.choice(sorted(waiting))
         asked = ReviewRequest(decision=self.rng.choice(("accept", "reject")), reason="a test")
         etag = f'"{row.id}-{row.revision}"'
-        await review(self.town.engine, self.town.policy, row.id, asked, if_match=etag, reviewer="provider")
+        await review(self.town.engine, self.town.policy, row.id, asked, if_match=etag, reviewer=PROVIDER)
         self.ever |= {one.object_id for one in await self.town.rows("SELECT object_id FROM features")}
         self.versions += [
             row.version

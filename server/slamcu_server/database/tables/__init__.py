@@ -8,7 +8,7 @@ from slamcu_server.database.tables.columns import metadata
 from slamcu_server.database.tables.mapped import feature_versions, features, map_versions, maps
 from slamcu_server.database.tables.published import change_entries, changes, feed_position
 from slamcu_server.database.tables.reported import candidates, forgetting, forgotten_messages, messages, passes
-from slamcu_server.database.tables.retracted import corrections, retractions
+from slamcu_server.database.tables.retracted import corrections, put_aside, retractions
 
 __all__ = [
     "accounts",
@@ -29,6 +29,7 @@ __all__ = [
     "metadata",
     "passes",
     "policies",
+    "put_aside",
     "retractions",
     "trust",
     "trust_versions",

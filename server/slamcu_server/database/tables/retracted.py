@@ -1,4 +1,4 @@
-"""What is taken out again: the evidence that a retraction names counts nowhere as long as it is active."""
+"""What is taken out again, and what is to be folded anew: a retraction's evidence counts nowhere while it is active."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from sqlalchemy import (
     ForeignKey,
     Identity,
     Index,
+    Integer,
+    PrimaryKeyConstraint,
     Table,
     Text,
     func,
@@ -61,4 +63,17 @@ corrections = Table(  # passes that are to be looked at again, with all that the
     Column("id", BigInteger, Identity(), primary_key=True),
     Column("pass_id", BigInteger, nullable=False),  # no foreign key: a pass that is gone needs no correction
     Column("retraction_id", BigInteger, ForeignKey("retractions.id"), index=True),  # NULL: trust has changed
+)
+
+put_aside = Table(  # what failed for a lasting reason, while the rest goes on: slamcu_server.aggregation.aside
+    "put_aside",
+    metadata,
+    Column("work", Text, nullable=False),
+    Column("key", BigInteger, nullable=False),  # of the retraction, the correction, or the change that may have faded
+    Column("error", Text, nullable=False),  # in words that hold no data
+    Column("attempts", Integer, nullable=False, server_default=text("1")),
+    Column("failed_at", DateTime(timezone=True), nullable=False, server_default=func.now()),
+    Column("retry_at", DateTime(timezone=True), nullable=False),
+    PrimaryKeyConstraint("work", "key"),
+    CheckConstraint("work IN ('retraction', 'correction', 'fading')", name="work"),
 )
