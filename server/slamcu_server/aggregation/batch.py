@@ -36,7 +36,7 @@ from slamcu_server.aggregation.refold import Places, Touched, cells_of, refold
 from slamcu_server.aggregation.resolve import Resolved, passes_of, resolve, within_budget
 from slamcu_server.aggregation.store import new_ids, store_passes
 from slamcu_server.changes import feed
-from slamcu_server.retraction import marks
+from slamcu_server.retraction import anchors, marks
 from slamcu_server.trust.table import trusting
 
 Indices = NDArray[np.intp]
@@ -126,7 +126,9 @@ async def _fuse(
         added = added[(resolved.feature_id[added] > 0) & ~resolved.archived[added]]
         records = windows.of_columns(resolved, added)
         loud = await quiet.append(connection, resolved.feature_id[added], records, again.features, policy)
-        beliefs = await refold(connection, Touched(loud, *_candidates(others, again)), cells, policy)
+        places, watched = _candidates(others, again)
+        places |= await _revive(connection, others, again, cells, policy)
+        beliefs = await refold(connection, Touched(loud, places, watched), cells, policy)
         entries = await feed.publish(connection, beliefs, policy)
     await log.quarantine(connection, reasons)
     await feed.append(connection, entries)
@@ -198,6 +200,19 @@ async def _store_others(
     out = await marks.mark(connection, ids.tolist()) if retractions else frozenset()
     kept = [item for item in passes if item.id not in out]
     return resolved, chosen[~np.isin(ids, sorted(out))], kept
+
+
+async def _revive(
+    connection: AsyncConnection, passes: Iterable[StoredPass], known: Lookups, held: frozenset[Cell], policy: Policy
+) -> Places:
+    """Let reports about candidates that were dissolved found them anew, if they can, and return where they saw them."""
+    watches = {item.id: known.watches[item.watch_id] for item in passes if item.watch_id is not None}
+    naming = [key for key, watch in watches.items() if watch.dissolved and watch.feature_id is None]
+    if not naming:
+        return frozenset()
+    places = (await anchors.pass_on(connection, naming)).places
+    require_cells(cells_of(places, policy), held)
+    return places
 
 
 def _candidates(passes: Iterable[StoredPass], known: Lookups) -> tuple[Places, frozenset[int]]:

@@ -53,6 +53,7 @@ class WatchReference:
     feature_id: int | None
     lon: float
     lat: float
+    dissolved: bool = False  # nothing stands behind it: its founding pass was taken out
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,10 +156,11 @@ async def watches(connection: AsyncConnection, ids: Iterable[int]) -> dict[int, 
         return {}
     found = await connection.execute(
         text(f"""
-        SELECT c.id, c.map_id, root.id AS candidate_id, root.feature_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat
+        SELECT c.id, c.map_id, root.id AS candidate_id, root.feature_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat,
+               COALESCE(c.id = c.merged_into, false) AS dissolved
         FROM {unnest({"id": "bigint"})}
         CROSS JOIN LATERAL (
-            SELECT id, map_id, COALESCE(merged_into, id) AS root, founding_pass FROM candidates
+            SELECT id, map_id, merged_into, COALESCE(merged_into, id) AS root, founding_pass FROM candidates
             WHERE id = r.id {PROBE}) c
         CROSS JOIN LATERAL (SELECT id, feature_id FROM candidates WHERE id = c.root {PROBE}) root
         JOIN passes p ON p.id = c.founding_pass"""),  # noqa: S608  (constants)

@@ -13,10 +13,13 @@ from dataclasses import dataclass
 from sqlalchemy import Row, text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+# also what was dissolved before, where a report that names it comes now, or comes back
 _LOST = text("""
     SELECT c.id, COALESCE(c.merged_into, c.id) AS root
     FROM candidates c JOIN passes p ON p.id = c.founding_pass
-    WHERE p.id = ANY(CAST(:passes AS bigint[])) AND p.retraction_id IS NOT NULL AND c.feature_id IS NULL
+    WHERE p.retraction_id IS NOT NULL AND c.feature_id IS NULL
+      AND (p.id = ANY(CAST(:passes AS bigint[])) OR c.id IN (
+        SELECT watch_id FROM passes WHERE id = ANY(CAST(:passes AS bigint[])) AND retraction_id IS NULL))
     ORDER BY c.id""")
 _HEIR = """
     SELECT p.id, p.map_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat FROM passes p JOIN messages m ON m.id = p.message
@@ -39,7 +42,10 @@ class PassedOn:
 
 
 async def pass_on(connection: AsyncConnection, pass_ids: Collection[int]) -> PassedOn:
-    """Bind the candidates that these passes founded, and no longer can, to others, or dissolve them."""
+    """Bind the candidates that these passes founded, and no longer can, to others, or dissolve them.
+
+    So are those that these passes name and that were dissolved before: it does not matter who came first.
+    """
     lost = list(await connection.execute(_LOST, {"passes": sorted(pass_ids)}))
     dissolved: set[int] = set()
     places: set[tuple[int, float, float]] = set()

@@ -357,6 +357,41 @@ def _at(seen: PassReport, where: Any) -> PassReport:
     return replace(seen, sign="STOP_SIGN", position=where)
 
 
+@pytest.mark.parametrize("order", [("told", "out"), ("out", "told"), ("out", "told too early")])
+async def test_who_saw_it_before_or_after_the_founder_was_taken_out_does_not_matter(
+    road: Any, reports: Any, order: tuple[str, str]
+) -> None:
+    """A report that names what was dissolved, from the log or back from a retraction of its own, finds it anew."""
+    await road.report("liar", reports.find(40.0, 9.0, hours=0.0))
+    await road.fuse()
+    [candidate] = await road.candidates()
+    for step in order:
+        if step == "out":
+            await retract(road, contributor_id=await road.account("liar"))
+            await apply(road)
+            continue
+        early = await retract(road, contributor_id=await road.account("one")) if step == "told too early" else None
+        for hours, car in ((1.0, "one"), (2.0, "two")):
+            say = reports.seen if car == "one" else reports.missed
+            await road.report(car, _at(say(candidate.id, hours=hours, watched=True), reports.place(40.3, 9.2)))
+        await road.fuse()
+        if early is not None:
+            await apply(road)
+            assert await road.candidates() == []
+            await undo(road, early)
+            await apply(road)
+    [left] = await road.candidates()
+    assert (left.id, left.passes, left.contributors_for) == (candidate.id, 2, 1)
+    await assert_consistent(road)
+    assert await rebuild.rebuild(road.engine, road.policy) == 0
+    [out] = await road.rows("SELECT id FROM retractions WHERE state = 'applied'")
+    await undo(road, out.id)
+    await apply(road)
+    [whole] = await road.candidates()
+    assert (whole.id, whole.passes, whole.contributors_for) == (candidate.id, 3, 2)
+    await assert_consistent(road)
+
+
 async def test_of_a_moved_sign_the_half_stays_that_is_left(road: Any, reports: Any) -> None:
     for hours in range(4):
         await road.report(f"honest-{hours}", reports.missed(2, hours=float(hours)))
