@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.evidence import Masses, conflict, support
-from slamcu_core.filter.calibration import SensorCalibration
+from slamcu_core.filter.calibration import Calibrations
 from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
 from slamcu_core.filter.existence import State
 from slamcu_core.filter.map_management import MapManagement
@@ -35,13 +35,13 @@ class Beliefs:
         table: FeatureTable,
         particles: Particles,
         around: Neighbourhood,
-        calibration: SensorCalibration,
+        calibrations: Calibrations,
         management: MapManagement,
         names: Vocabulary,
         parameters: FilterParameters,
     ) -> None:
         self._map, self._table, self._particles, self._around = hd_map, table, particles, around
-        self._calibration, self._management = calibration, management
+        self._calibrations, self._management = calibrations, management
         self._names, self._parameters = names, parameters
 
     def pose(self, t: float, ahead: Travel) -> PoseEstimate:
@@ -80,11 +80,11 @@ class Beliefs:
     def _by_sightings(self, row: int) -> tuple[Array, Array]:
         """Return where a row of the map is by the sums over its sightings: mean (2,) and covariance (3,).
 
-        What the sensor's errors, as far as they are known now, have added to the sums is taken from them: what the
-        particles place is estimated with the calibration, what the map has is only noted as it was shown.
+        What the first sensor's errors, as far as they are known now, have added to the sums is taken from them: what
+        the particles place is estimated with the calibration, what the map has is only noted as it was shown.
         """
         xx, cross, _, yy, x, y, *_, scale_x, scale_y, turn_x, turn_y = self._table.sighted[row].tolist()
-        scale, turn = (self._particles.calibration @ self._particles.weights).tolist()
+        scale, turn = (self._particles.calibration[:2] @ self._particles.weights).tolist()
         stretch = scale / (1.0 + scale)
         x -= stretch * scale_x + turn * turn_x
         y -= stretch * scale_y + turn * turn_y
@@ -97,7 +97,7 @@ class Beliefs:
     def _with_bias(self, covariance: Array, line: Array) -> Array:
         """Add to a covariance (3,) what the car's detections along a line of sight (2,) have wrong in common."""
         x, y = line.tolist()
-        along, across = self._calibration.variance.tolist()
+        along, across = self._calibrations.vaguest
         along += self._parameters.pass_range_std**2
         common = along * x * x + across * y * y, (along - across) * x * y, along * y * y + across * x * x
         return np.asarray(covariance + common)

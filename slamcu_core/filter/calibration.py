@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from slamcu_core.filter.parameters import FilterParameters
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.resampling import systematic
 from slamcu_core.geometry import mahalanobis_square
+from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]
 
@@ -123,35 +124,60 @@ class GnssBias:
         self._variance = self._begin(particles, self.stationary)
 
 
-class SensorCalibration:
-    """Range scale error and bearing bias of a vehicle's sensors, learned from features of the map.
+class Calibrations:
+    """Range scale error and bearing bias of each of a vehicle's S sensors, learned from features of the map.
 
-    The means are per particle (`Particles.calibration`), the variances (2,) common to all.
+    The means are per particle (`Particles.calibration`), the variances (2 S,) common to all: of each sensor the scale,
+    then the bias.
     """
 
-    def __init__(self, parameters: FilterParameters) -> None:
-        self.stationary = np.array([parameters.range_scale_std**2, parameters.bearing_bias_std**2])
+    def __init__(self, parameters: FilterParameters, sensors: int = 1) -> None:
+        self.stationary = np.array([parameters.range_scale_std**2, parameters.bearing_bias_std**2] * sensors)
         self._time_constant = parameters.calibration_time_s
         self.variance = self.stationary.copy()
-        self.age = 0.0  # s for which the calibration has been predicted
+        self.age = 0.0  # s for which the calibrations have been predicted
 
     def keep(self, time: float) -> float:
-        """Return what share of the calibration is left after a time (s)."""
+        """Return what share of a calibration is left after a time (s)."""
         return math.exp(-time / self._time_constant)
 
     def predict(self, particles: Particles, dt: float) -> None:
-        """Let the calibration wander for `dt` seconds, in place."""
+        """Let the calibrations wander for `dt` seconds, in place."""
         self.age += dt
         keep = self.keep(dt)
         particles.calibration *= keep
         self.variance = keep**2 * self.variance + (1.0 - keep**2) * self.stationary
 
-    def measurement_variance(self, distance: Array) -> Array:
-        """Return what the calibration adds to the variance of range and bearing, shape (2, ...), at ranges in m."""
-        variance = np.empty((2, *distance.shape))
-        variance[0] = distance * distance * self.variance[0]
-        variance[1] = self.variance[1]
-        return variance
+    @property
+    def vaguest(self) -> tuple[float, float]:
+        """The largest variances of a scale and of a bias, for what more than one sensor may have seen."""
+        scale, turn = self.variance.reshape(-1, 2).max(axis=0).tolist()
+        return scale, turn
+
+
+class SensorCalibration:
+    """The calibration of the sensor of a number among those of a vehicle."""
+
+    def __init__(self, of_all: Calibrations, number: int = 0) -> None:
+        self._of_all, self._number = of_all, number
+        self._part = slice(2 * number, 2 * number + 2)
+
+    @property
+    def variance(self) -> Array:
+        """Variances (2,) of range scale error and bearing bias."""
+        return self._of_all.variance[self._part]
+
+    def means(self, particles: Particles) -> Array:
+        """Return what each particle has for range scale error and bearing bias, (2, M)."""
+        return particles.calibration[self._part]
+
+    def beyond_the_first(self, particles: Particles) -> tuple[float, float]:
+        """Return by how much this sensor stretches (of the range) and turns (rad) more than the vehicle's first."""
+        if not self._number:
+            return 0.0, 0.0
+        scale, turn = (self.means(particles) @ particles.weights).tolist()
+        first_scale, first_turn = (particles.calibration[:2] @ particles.weights).tolist()
+        return scale / (1.0 + scale) - first_scale / (1.0 + first_scale), turn - first_turn
 
     def update(self, particles: Particles, innovation: Array, distance: Array, noise: Array) -> None:
         """Learn from A features of the map, in place.
@@ -167,6 +193,14 @@ class SensorCalibration:
         towards[0], towards[1] = distance, 1.0
         gain = towards / noise
         information = np.vecdot(towards, gain)
-        self.variance = self.variance / (1.0 + self.variance * information)
-        gain *= self.variance[:, None]
-        particles.calibration += np.matmul(gain[:, None], innovation)[:, 0]
+        variance = self.variance / (1.0 + self.variance * information)
+        self._of_all.variance[self._part] = variance
+        gain *= variance[:, None]
+        particles.calibration[self._part] += np.matmul(gain[:, None], innovation)[:, 0]
+
+
+class Instrument(NamedTuple):
+    """A sensor: how it measures, and what has been learned of its errors."""
+
+    model: SensorModel
+    calibration: SensorCalibration

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slamcu_core.drive import Occluder, Sensor
 from slamcu_core.filter import existence
-from slamcu_core.filter.calibration import SensorCalibration
+from slamcu_core.filter.calibration import Instrument, SensorCalibration
 from slamcu_core.filter.careful_update import Occasion, weigh_with_care
 from slamcu_core.filter.detectability import DetectionRate, RatesInView
 from slamcu_core.filter.detections import Instant, Seen
@@ -42,7 +42,7 @@ _SURE = 0.8  # probability of an explanation from which on finds are made and im
 class SensorAtWork:
     """A sensor at work, and what is kept of it from frame to frame."""
 
-    model: SensorModel
+    instrument: Instrument
     lookout: Lookout
     update: FrameUpdate
     codes: Index  # of the classes that it detects
@@ -53,6 +53,11 @@ class SensorAtWork:
     last_frame: float = -np.inf
     occluders: tuple[Occluder, ...] = ()
     occluders_at: float = -np.inf
+
+    @property
+    def model(self) -> SensorModel:
+        """How it measures."""
+        return self.instrument.model
 
     @classmethod
     def install(
@@ -70,7 +75,7 @@ class SensorAtWork:
         codes = np.array([names.code(name) for name in sensor.classes], dtype=np.intp)
         parts = model, table, particles, calibration
         return cls(
-            model,
+            Instrument(model, calibration),
             Lookout(*parts, MeanLook(*parts, codes=codes, gate=parameters.gate)),
             FrameUpdate(*parts, parameters),
             codes,
@@ -131,7 +136,7 @@ class FrameHandling:
         seen.noise[:, detections] = view.noise.take(matched, axis=1)
         rates = sensor.rates.within(view.distance)
         management.update_existence(
-            sensor.model,
+            sensor.instrument,
             rates,
             view,
             seen,
@@ -159,7 +164,7 @@ class FrameHandling:
         if len(matches.close.rows):
             update.calibrate(matches, usable, now.fresh)
             update.update_new(matches, now.fresh)
-            management.follow_watched(sensor.model, seen, (told, matches.close.rows), now)
+            management.follow_watched(sensor.instrument, seen, (told, matches.close.rows), now)
         if len(rows):
             table.looks_hit[rows] += now.share
         management.forget_refuted(view.rows)
@@ -168,7 +173,7 @@ class FrameHandling:
             known = np.logical_or.reduce(seen.feature_class[alone, None] == sensor.codes, axis=1)
             if certain is not None:
                 known &= certain[alone] > _SURE
-            management.give_birth(sensor.model, seen, alone[known], now)
+            management.give_birth(sensor.instrument, seen, alone[known], now)
 
     def _compare(
         self, sensor: SensorAtWork, view: View, seen: Seen, matched: tuple[Index, Index], now: Instant

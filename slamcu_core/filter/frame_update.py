@@ -198,7 +198,7 @@ class FrameUpdate:
 
     def calibrated(self, sight: Sight) -> Array:
         """Return measurements (2, A, M) as each particle's calibration makes the sensor show them."""
-        scale, turn = self.particles.calibration[0], self.particles.calibration[1]
+        scale, turn = self.calibration.means(self.particles)
         if not self.model.has_bearing:
             return np.asarray(sight.measurement * (1.0 + scale))
         shown = np.empty((2, *sight.distance.shape))

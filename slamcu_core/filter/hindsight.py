@@ -16,7 +16,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.filter.calibration import GnssBias, SensorCalibration
+from slamcu_core.filter.calibration import Calibrations, GnssBias
 from slamcu_core.filter.ekf import full
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.prediction import Travel, linearized
@@ -31,7 +31,7 @@ _BEHIND_M = 90.0  # beyond the sensors' reach; nearer than 60 m, finds are looke
 _MOST = 64  # finds that follow; beyond, the oldest stay where they are
 _RIDGE = 1e-6  # on correlations of the state
 _LEAST_M2 = 1e-4  # m²; least variance of a place
-_BIAS, _SENSOR = slice(6, 8), slice(8, 10)  # of the state, whose first six are sampled
+_BIAS, _SENSORS = slice(6, 8), slice(8, None)  # of the state, whose first six are sampled
 
 
 class Hindsight:
@@ -43,20 +43,21 @@ class Hindsight:
         particles: Particles,
         *,
         gnss: GnssBias,
-        calibration: SensorCalibration,
+        calibrations: Calibrations,
         motion: MotionNoise,
         reach: float,
     ) -> None:
         self._table, self._particles, self._motion = table, particles, motion
         self._beyond = reach + _BEHIND_M
-        self._gnss, self._calibration = gnss, calibration
+        self._gnss, self._calibrations = gnss, calibrations
+        size = 8 + len(calibrations.variance)
         self._rows: Index = np.zeros(0, dtype=np.intp)
         self._born: Array = np.zeros(0)  # of the finds, for a row may be another's by now
-        self._cross: Array = np.zeros((0, 2, 10))  # covariance of each place with the state
-        self._mean: Array = np.zeros(10)  # of the state, predicted since the last resampling
-        self._covariance: Array = np.zeros((10, 10))
+        self._cross: Array = np.zeros((0, 2, size))  # covariance of each place with the state
+        self._mean: Array = np.zeros(size)  # of the state, predicted since the last resampling
+        self._covariance: Array = np.zeros((size, size))
         self._travel = Travel()  # not in that yet
-        self._unlearnt: Array = np.zeros(2)  # variance of the calibration in that
+        self._unlearnt: Array = np.zeros(size - 8)  # variance of the calibrations in that
         self._ages = 0.0, 0.0  # of the receiver's bias and the calibration at that resampling, s
 
     def follows(self, rows: Index) -> NDArray[np.bool_]:
@@ -104,14 +105,14 @@ class Hindsight:
             learnt[2] = wrap_angle(float(learnt[2]))
             change = covariance - self._covariance
             # what is not known of the calibration is added where a place is told, as it is known then
-            change[_SENSOR, _SENSOR] -= np.diag(self._calibration.variance - self._unlearnt)
+            change[_SENSORS, _SENSORS] -= np.diag(self._calibrations.variance - self._unlearnt)
             table, rows = self._table, self._rows
             table.xy[rows] += gain @ learnt
             table.covariance[rows] += (gain @ change @ gain.swapaxes(1, 2)).reshape(-1, 4)[:, [0, 1, 3]]
             self._cross = gain @ covariance
         self._mean, self._covariance = mean, covariance
-        self._ages = self._gnss.age, self._calibration.age
-        self._unlearnt = self._calibration.variance.copy()
+        self._ages = self._gnss.age, self._calibrations.age
+        self._unlearnt = self._calibrations.variance.copy()
         if len(more):
             self._take_in(more, spread)
 
@@ -136,7 +137,7 @@ class Hindsight:
         """Go over to another frame by a function of places (2,), where everything is turned by `turn` (rad)."""
         cos, sin = math.cos(turn), math.sin(turn)
         rotation = np.array([[cos, -sin], [sin, cos]])
-        by_state = np.eye(10)
+        by_state = np.eye(len(self._mean))
         by_state[:2, :2] = by_state[_BIAS, _BIAS] = rotation
         self._mean[:2] = to(self._mean[:2])
         self._mean[2] += turn
@@ -145,7 +146,7 @@ class Hindsight:
         self._cross = rotation @ self._cross @ by_state.T
 
     def _state(self) -> tuple[Array, Array, Array]:
-        """Return mean (10,) and covariance (10, 10) of the state, and what each particle differs from it, (10, M)."""
+        """Return mean (S,) and covariance (S, S) of the state, and what each particle differs from it, (S, M)."""
         particles = self._particles
         weights = particles.weights
         state = np.concatenate([particles.state, particles.gnss_bias, particles.calibration])
@@ -156,21 +157,21 @@ class Hindsight:
         whole = (spread * weights) @ spread.T
         whole[:6, :6] = covariance
         whole[_BIAS, _BIAS] += self._gnss.variance * np.eye(2)
-        whole[_SENSOR, _SENSOR] += np.diag(self._calibration.variance)
+        whole[_SENSORS, _SENSORS] += np.diag(self._calibrations.variance)
         return mean, whole, spread
 
     def _wander(self) -> None:
         """Predict what changes by itself: the receiver's bias and the calibration."""
         gnss = self._gnss.keep(self._gnss.age - self._ages[0])
-        calibration = self._calibration.keep(self._calibration.age - self._ages[1])
-        keep = np.ones(10)
-        keep[_BIAS], keep[_SENSOR] = gnss, calibration
+        calibration = self._calibrations.keep(self._calibrations.age - self._ages[1])
+        keep = np.ones(len(self._mean))
+        keep[_BIAS], keep[_SENSORS] = gnss, calibration
         self._mean *= keep
         self._cross *= keep
         self._covariance *= np.outer(keep, keep)
         self._covariance[_BIAS, _BIAS] += (1.0 - gnss**2) * self._gnss.stationary * np.eye(2)
-        anew = (1.0 - calibration**2) * self._calibration.stationary
-        self._covariance[_SENSOR, _SENSOR] += np.diag(anew)
+        anew = (1.0 - calibration**2) * self._calibrations.stationary
+        self._covariance[_SENSORS, _SENSORS] += np.diag(anew)
         self._unlearnt = calibration**2 * self._unlearnt + anew
 
     def _left_behind(self) -> Index:
@@ -181,7 +182,7 @@ class Hindsight:
         return np.asarray(own[np.hypot(*(table.xy[own] - here).T) > self._beyond])
 
     def _take_in(self, own: Index, spread: Array) -> None:
-        """Take finds from the particles, whose states differ by (10, M) from their mean."""
+        """Take finds from the particles, whose states differ by (S, M) from their mean."""
         table, particles = self._table, self._particles
         slots = table.slot[own]
         place, covariance = particles.collapse(slots)
@@ -189,9 +190,9 @@ class Hindsight:
         # what is not known of the calibration turns and stretches the line of sight in all particles alike
         seen_from = table.view_from[own] / np.maximum(table.view_weight[own], 1e-300)[:, None]
         x, y = np.where(table.view_weight[own] > 0.0, (place.T - seen_from).T, 0.0)
-        scale, turn = self._calibration.variance
-        cross[:, :, 8] -= scale * np.stack([x, y], axis=1)
-        cross[:, :, 9] -= turn * np.stack([-y, x], axis=1)
+        variance = self._calibrations.variance / (0.5 * len(self._calibrations.variance))  # each saw as much of it
+        cross[:, :, 8::2] -= np.stack([x, y], axis=1)[:, :, None] * variance[::2]
+        cross[:, :, 9::2] -= np.stack([-y, x], axis=1)[:, :, None] * variance[1::2]
         table.xy[own], table.covariance[own], table.slot[own] = place.T, covariance.T, -1
         self._rows = np.concatenate([self._rows, own])[-_MOST:]
         self._born = np.concatenate([self._born, table.born[own]])[-_MOST:]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.filter import existence, standing
+from slamcu_core.filter.calibration import Instrument
 from slamcu_core.filter.detectability import RatesInView
 from slamcu_core.filter.detections import Instant, Seen
 from slamcu_core.filter.ekf import birth_covariance
@@ -18,7 +19,6 @@ from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.sightings import SightingNotes
 from slamcu_core.filter.table import FeatureTable, Kind, Sum
 from slamcu_core.filter.view import View
-from slamcu_core.models import SensorModel
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -41,7 +41,7 @@ class MapManagement:
 
     def update_existence(
         self,
-        model: SensorModel,
+        sensor: Instrument,
         rates: RatesInView,
         view: View,
         seen: Seen,
@@ -84,7 +84,7 @@ class MapManagement:
         if len(columns):
             hit_rows = rows[columns]
             table.hits[hit_rows] += 1
-            self._notes.add(model, hit_rows, seen, detections, now)
+            self._note(sensor, hit_rows, seen, detections, now)
 
     def _learn_rates(
         self,
@@ -167,21 +167,21 @@ class MapManagement:
             table, rows, self._proven(rows) | (table.kind[rows] != Kind.NEW) | table.reported[rows]
         )
 
-    def give_birth(self, model: SensorModel, seen: Seen, alone: Index, now: Instant) -> None:
+    def give_birth(self, sensor: Instrument, seen: Seen, alone: Index, now: Instant) -> None:
         """Register unassociated detections as new features with vacuous existence (eq. 4), in every particle."""
         slots = self._around.free_slots(self._particles)[: len(alone)]
         alone = alone[: len(slots)]
         if not len(alone):
             return
         table = self._table
-        places = self._put(model, seen, alone, slots, now)
+        places = self._put(sensor, seen, alone, slots, now)
         rows = table.take(len(alone))
         for row in rows.tolist():
             self._notes.forget(row)  # of a find that had this row before and was left behind
         table.kind[rows], table.slot[rows] = Kind.NEW, slots
         table.feature_class[rows] = seen.feature_class[alone]
         table.sign[rows], table.value[rows] = seen.sign[alone], seen.value[alone]
-        table.nominal[rows] = model.sensor.detection_probability
+        table.nominal[rows] = sensor.model.sensor.detection_probability
         table.born[rows] = now.t
         table.hits[rows] = 1
         table.xy[rows] = (places @ self._particles.weights).T
@@ -190,10 +190,14 @@ class MapManagement:
         self._begin_passes(rows, now.t)
         table.pass_last[rows] = now.t
         table.detected[rows] = 1
-        self._notes.add(model, rows, seen, alone, now)
+        self._note(sensor, rows, seen, alone, now)
         self._around.rows = np.concatenate([self._around.rows, rows])
 
-    def follow_watched(self, model: SensorModel, seen: Seen, matched: tuple[Index, Index], now: Instant) -> None:
+    def _note(self, sensor: Instrument, rows: Index, seen: Seen, detections: Index, now: Instant) -> None:
+        beyond = sensor.calibration.beyond_the_first(self._particles)
+        self._notes.add(sensor.model, rows, seen, detections, now=now, beyond=beyond)
+
+    def follow_watched(self, sensor: Instrument, seen: Seen, matched: tuple[Index, Index], now: Instant) -> None:
         """Let the particles place the watch features among detected rows (A,) from their first sighting of a pass on.
 
         So what corrects the pose later corrects the place that is reported, as it does for a find.
@@ -204,18 +208,19 @@ class MapManagement:
         if len(new):
             slots = self._around.free_slots(self._particles)[: len(new)]
             new = new[: len(slots)]
-            self._put(model, seen, detections[new], slots, now)
+            self._put(sensor, seen, detections[new], slots, now)
             table.slot[rows[new]] = slots
 
-    def _put(self, model: SensorModel, seen: Seen, detections: Index, slots: Index, now: Instant) -> Array:
+    def _put(self, sensor: Instrument, seen: Seen, detections: Index, slots: Index, now: Instant) -> Array:
         """Place detections (A,) in slots of every particle, and return where, (2, A, M)."""
         particles = self._particles
         measured = np.empty((2, len(detections), len(particles)))
         measured[:] = seen.measurement[:, detections, None]
-        if model.has_bearing:
-            measured[0] /= 1.0 + particles.calibration[0]
-            measured[1] -= particles.calibration[1]
-        places, by_feature = model.born(particles.pose, measured)
+        if sensor.model.has_bearing:
+            scale, turn = sensor.calibration.means(particles)
+            measured[0] /= 1.0 + scale
+            measured[1] -= turn
+        places, by_feature = sensor.model.born(particles.pose, measured)
         particles.means[:, slots] = places
         particles.covariances[:, slots] = birth_covariance(by_feature, seen.noise[:, detections, None] / now.fresh)
         return places

@@ -143,7 +143,7 @@ class MeanLook:
         if not len(seen.weight):
             return False
         distance, bearing = outline.distance[: outline.mapped], outline.bearing[: outline.mapped]
-        calibration = self._particles.calibration
+        calibration = self._calibration.means(self._particles)
         scale, turn = (calibration @ cloud.weights).tolist()
         spread, common = ((calibration * calibration) @ cloud.weights).tolist(), self._calibration.variance.tolist()
         noise = np.maximum.reduce(seen.noise, axis=1).tolist()

@@ -44,7 +44,7 @@ class Particles:
     means: Array  # (2, L, M) means μ of new features, m
     covariances: Array  # (3, L, M) xx, xy, yy of the covariances Σ of new features, m²
     gnss_bias: Array  # (2, M) mean of the satellite receiver's bias, m
-    calibration: Array  # (2, M) mean range scale error and bearing bias (rad)
+    calibration: Array  # (2 S, M) mean range scale error and bearing bias (rad) of each sensor
     grip: Array  # (M,) share of the motion told by odometry that is made; 1 while nothing slips
     pending: Array | None = None  # (3, K, M): the pose waits for this times a standard normal (K,) to be added
     _weights: tuple[Array, Array] | None = field(default=None, init=False)  # of which `log_weight`, and they
@@ -60,6 +60,7 @@ class Particles:
         heading_std: float,
         noise: MotionNoise,
         rng: np.random.Generator,
+        sensors: int = 1,
     ) -> Particles:
         """Draw particles around the origin of the local frame with the given heading (rad)."""
         mean = np.array([0.0, 0.0, heading, 1.0, 1.0, 0.0])
@@ -71,7 +72,7 @@ class Particles:
             means=np.zeros((2, slots, count)),
             covariances=np.zeros((3, slots, count)),
             gnss_bias=-state[:2],  # what the start has wrong; see `GnssBias`
-            calibration=np.zeros((2, count)),
+            calibration=np.zeros((2 * sensors, count)),
             grip=np.ones(count),
         )
 

@@ -102,8 +102,9 @@ def _hanging(particles: Particles) -> Array:
 def _follow(particles: Particles, shift: Array) -> None:
     """Shift what `_hanging` returns by (K, M), in place."""
     particles.gnss_bias += shift[:2]
-    particles.calibration += shift[2:4]
-    particles.means += shift[4:].reshape(particles.means.shape)
+    means = 2 + len(particles.calibration)
+    particles.calibration += shift[2:means]
+    particles.means += shift[means:].reshape(particles.means.shape)
 
 
 def _spread_later(particles: Particles, kernel: Array, rng: np.random.Generator) -> None:

@@ -27,12 +27,24 @@ class SightingNotes:
         self._table = table
         self._votes: dict[int, Counter[tuple[int, int]]] = {}
 
-    def add(self, model: SensorModel, rows: Index, seen: Seen, detections: Index, now: Instant) -> None:
-        """Note where rows were seen, for their reports and for whether they stand still."""
+    def add(
+        self,
+        model: SensorModel,
+        rows: Index,
+        seen: Seen,
+        detections: Index,
+        *,
+        now: Instant,
+        beyond: tuple[float, float],
+    ) -> None:
+        """Note where rows were seen, for their reports and for whether they stand still.
+
+        The sums are as the vehicle's first sensor would have them: `beyond` it this one stretches and turns by so much.
+        """
         table = self._table
         seen_from = np.concatenate([seen.ahead_left, seen.toward, seen.measurement[:1], seen.noise])
         sightings = seen_from.take(detections, axis=1).T.tolist()
-        table.sighted[rows] += _sums(model, now.pose.tolist(), sightings)
+        table.sighted[rows] += _sums(model, now.pose.tolist(), sightings, beyond)
         own = (table.kind[rows] == Kind.NEW).nonzero()[0]
         if not len(own):
             return
@@ -71,15 +83,18 @@ def _placed(pose: Sequence[float], sightings: Sequence[Sequence[float]]) -> Iter
         yield *place, *toward, distance, max(first, _LEAST), max(second, _LEAST)
 
 
-def _sums(model: SensorModel, pose: Sequence[float], sightings: Sequence[Sequence[float]]) -> list[tuple[float, ...]]:
+def _sums(
+    model: SensorModel, pose: Sequence[float], sightings: Sequence[Sequence[float]], beyond: tuple[float, float]
+) -> list[tuple[float, ...]]:
     """Return what sightings from a pose add to the parts of `sighted`, each (13,), in their order."""
     sums: list[tuple[float, ...]] = []
-    here_x, here_y, _ = pose
+    (here_x, here_y, _), (scale, turn) = pose, beyond
     for x, y, cos, sin, distance, first, second in _placed(pose, sightings):
         xx, xy, yy = model.information(cos, sin, distance, first, second)
         weight, across = 1.0 / first, 1.0 / (max(distance, 1e-3) * second)
         stretch = weight * distance
-        position = xx, xy, xy, yy, xx * x + xy * y, xy * x + yy * y
-        view = weight, weight * here_x, weight * here_y
-        sums.append((*position, *view, stretch * cos, stretch * sin, -(across * sin), across * cos))
+        by_error = stretch * cos, stretch * sin, -(across * sin), across * cos
+        east = xx * x + xy * y - scale * by_error[0] - turn * by_error[2]
+        north = xy * x + yy * y - scale * by_error[1] - turn * by_error[3]
+        sums.append((xx, xy, xy, yy, east, north, weight, weight * here_x, weight * here_y, *by_error))
     return sums

@@ -6,6 +6,8 @@ One step follows the paper's Figure 5: predict (eq. 12), pre-associate (4.3.1), 
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +16,7 @@ from slamcu_core.errors import FilterLostError
 from slamcu_core.filter import existence
 from slamcu_core.filter.beliefs import Beliefs
 from slamcu_core.filter.beside import Beside
-from slamcu_core.filter.calibration import GnssBias, SensorCalibration
+from slamcu_core.filter.calibration import Calibrations, GnssBias, SensorCalibration
 from slamcu_core.filter.closing import PassClosing
 from slamcu_core.filter.detections import Instant, read_detections
 from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
@@ -74,16 +76,17 @@ class SlamcuFilter:
             heading_std=float(np.deg2rad(start.heading_std_deg)),
             noise=self.parameters.motion,
             rng=rng,
+            sensors=len(header.sensors),
         )
         self._table = FeatureTable()
         reach = max((s.max_range_m + np.hypot(s.mount.x, s.mount.y) for s in header.sensors), default=0.0)
         self._gnss = GnssBias(self.parameters, start.position_std_m)
-        self._calibration = SensorCalibration(self.parameters)
+        self._calibrations = Calibrations(self.parameters, len(header.sensors))
         self._hindsight = Hindsight(
             self._table,
             self._particles,
             gnss=self._gnss,
-            calibration=self._calibration,
+            calibrations=self._calibrations,
             motion=self.parameters.motion,
             reach=float(reach),
         )
@@ -102,7 +105,7 @@ class SlamcuFilter:
             table=self._table,
             particles=self._particles,
             around=self._around,
-            calibration=self._calibration,
+            calibrations=self._calibrations,
             management=self._management,
             names=self._names,
             parameters=self.parameters,
@@ -114,10 +117,10 @@ class SlamcuFilter:
             beside=Beside(hd_map, self._table, self._beliefs, self._management),
             reporter=PassReporter(self._table, hd_map, header.start_time, self._names),
         )
-        parts = self._table, self._particles, self._calibration
+        install = partial(SensorAtWork.install, parameters=self.parameters, names=self._names)
         self._sensors = {
-            sensor.id: SensorAtWork.install(sensor, *parts, parameters=self.parameters, names=self._names)
-            for sensor in header.sensors
+            sensor.id: install(sensor, self._table, self._particles, SensorCalibration(self._calibrations, number))
+            for number, sensor in enumerate(header.sensors)
         }
         self._monitor = HealthMonitor(
             self.parameters.detection_concentration, self.parameters.gate, self.parameters.unmapped_share
@@ -224,7 +227,7 @@ class SlamcuFilter:
         share = existence.temper(record.t - sensor.last_frame, self.parameters.correlation_time_s)
         self._reckoning.advance(record.t)
         gap = record.t - self._last_frame
-        self._calibration.predict(self._particles, gap)
+        self._calibrations.predict(self._particles, gap)
         # whatever was in view before so long a silence is met anew, also if it is in view again
         ended = self._closing.out_of_view(record.t) if gap > self.parameters.pass_gap_s else []
         sensor.last_frame = self._last_frame = record.t

@@ -165,7 +165,7 @@ class Lookout:
 
     def _calibrated(self, sight: Sight, out: Array) -> Array:
         """Return measurements (2, C, M) as each particle's calibration makes the sensor show them."""
-        scale, turn = self._particles.calibration[0], self._particles.calibration[1]
+        scale, turn = self._calibration.means(self._particles)
         if not self._model.has_bearing:
             return np.asarray(np.multiply(sight.measurement, 1.0 + scale, out=out))
         np.multiply(sight.distance, 1.0 + scale, out=out[0])

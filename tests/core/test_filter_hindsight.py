@@ -10,7 +10,7 @@ import pytest
 
 from slamcu_core.drive import Detection, DetectionFrame, DriveHeader, GnssFix, InitialPose, Odometry, Record, Sensor
 from slamcu_core.filter import FilterParameters, SlamcuFilter
-from slamcu_core.filter.calibration import GnssBias, SensorCalibration
+from slamcu_core.filter.calibration import Calibrations, GnssBias
 from slamcu_core.filter.hindsight import Hindsight
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.prediction import Travel, linearized, predict
@@ -64,7 +64,7 @@ class _Car:
             self.table,
             self.particles,
             gnss=GnssBias(parameters, 1.5),
-            calibration=SensorCalibration(parameters),
+            calibrations=Calibrations(parameters),
             motion=STEADY,
             reach=80.0,
         )

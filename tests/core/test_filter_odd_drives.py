@@ -95,7 +95,7 @@ def test_what_is_learned_of_sensors_ages_as_time_goes_not_as_frames_come() -> No
         two.feed(Odometry((step - 1) / 10, SPEED, yaw_rate=0.0))
         two.feed(DetectionFrame(step / 10, "camera"))
         two.feed(DetectionFrame(step / 10, "rear"))
-    assert two._calibration.age == pytest.approx(5.0)
+    assert two._calibrations.age == pytest.approx(5.0)
 
 
 def test_a_hail_of_detections_leaves_the_map_as_it_was() -> None:

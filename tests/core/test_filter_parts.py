@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from slamcu_core.drive import Sensor
 from slamcu_core.filter import FilterParameters, ekf
 from slamcu_core.filter.assignment import assign
-from slamcu_core.filter.calibration import GnssBias, SensorCalibration
+from slamcu_core.filter.calibration import Calibrations, GnssBias, SensorCalibration
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.resampling import resample, systematic
 from slamcu_core.filter.weighting import combine, gaussian_log_likelihood, robust_log_likelihood
@@ -183,7 +183,7 @@ def test_fixes_at_the_start_tell_no_more_than_the_start_did(start_std: float, sp
 @given(SEEDS)
 def test_several_features_of_one_frame_teach_the_calibration_what_bayes_rule_says(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    particles, calibration = _cloud(3, rng), SensorCalibration(FilterParameters())
+    particles, calibration = _cloud(3, rng), SensorCalibration(Calibrations(FilterParameters()))
     distance, noise = rng.uniform(5.0, 80.0, 4), rng.uniform(1e-5, 4.0, (2, 4))
     innovation = rng.normal(size=(2, 4, 3)) * np.sqrt(noise)[:, :, None]
     prior = calibration.variance.copy()
