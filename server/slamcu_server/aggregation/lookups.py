@@ -45,7 +45,10 @@ class KnownFeatures:
 
 @dataclass(frozen=True, slots=True)
 class WatchReference:
-    """A watch feature: the candidate it is now part of, or the map feature it has become, and its founding place."""
+    """A watch feature: the candidate it is now part of, or the map feature it has become, and its founding place.
+
+    Of one whose founding find counted for that map feature, and is not kept any more, where this was first mapped.
+    """
 
     id: int
     map_id: int
@@ -156,14 +159,19 @@ async def watches(connection: AsyncConnection, ids: Iterable[int]) -> dict[int, 
         return {}
     found = await connection.execute(
         text(f"""
-        SELECT c.id, c.map_id, root.id AS candidate_id, root.feature_id, ST_X(p.geom) AS lon, ST_Y(p.geom) AS lat,
+        SELECT c.id, c.map_id, root.id AS candidate_id, root.feature_id,
+               ST_X(COALESCE(p.geom, f.geom)) AS lon, ST_Y(COALESCE(p.geom, f.geom)) AS lat,
                COALESCE(c.id = c.merged_into, false) AS dissolved
         FROM {unnest({"id": "bigint"})}
         CROSS JOIN LATERAL (
             SELECT id, map_id, merged_into, COALESCE(merged_into, id) AS root, founding_pass FROM candidates
             WHERE id = r.id {PROBE}) c
         CROSS JOIN LATERAL (SELECT id, feature_id FROM candidates WHERE id = c.root {PROBE}) root
-        JOIN passes p ON p.id = c.founding_pass"""),  # noqa: S608  (constants)
+        LEFT JOIN passes p ON p.id = c.founding_pass
+        LEFT JOIN LATERAL (
+            SELECT geom FROM feature_versions WHERE feature_id = root.feature_id ORDER BY from_sequence LIMIT 1
+        ) f ON p.id IS NULL
+        WHERE p.id IS NOT NULL OR f.geom IS NOT NULL"""),  # noqa: S608  (constants)
         {"id": given("bigint", asked)},
     )
     return {row[0]: WatchReference(*row) for row in found.all()}

@@ -9,6 +9,7 @@ from typing import Any
 import httpx
 import pytest
 
+from slamcu_core.aggregation import ClassPolicy, Policy
 from slamcu_server.aggregation import rebuild
 from slamcu_server.aggregation.locks import lock_cells
 from slamcu_server.aggregation.refold import cells_of
@@ -113,6 +114,26 @@ async def test_finds_and_watch_reports_come_back_to_a_candidate_that_was_accepte
     state = await town.feature_state(accepted.json()["map_object_id"])
     assert (state.passes, state.contributors_for) == (2, 2)
     assert [(change.kind, change.state) for change in await town.changes()] == [("new", "accepted")]
+
+
+@pytest.mark.parametrize("policy", [Policy(ClassPolicy(strangers_more=0, window=4))])
+async def test_the_id_of_a_find_that_came_back_outlives_it(town: Any, reports: Any, imports: Any, retract: Any) -> None:
+    await found(town, reports, "a", fleet="vans")
+    [candidate] = await town.candidates()
+    undo = await retract("vans")
+    await imports("2026.06", NEXT)
+    await undo()
+    for number in range(8):
+        await town.report(f"car-{number}", reports.seen(SIGN, hours=10.0 * (number + 1)), version="2026.06")
+    await town.fuse()
+    assert await town.scalar("SELECT count(*) FROM passes WHERE id = :id", id=candidate.founding_pass) == 0
+    before = (await town.feature_state(SIGN)).looked
+    await town.report("late", reports.seen(candidate.id, hours=90.0, watched=True))
+    await town.fuse()
+    assert await town.scalar("SELECT error FROM messages ORDER BY id DESC LIMIT 1") is None
+    state = await town.feature_state(SIGN)
+    assert (state.looked + state.forgotten_looked, before) == (10, 4)
+    await assert_settled(town)
 
 
 async def test_a_find_of_a_car_that_knew_the_sign_stays_another(
