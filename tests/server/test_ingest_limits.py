@@ -121,6 +121,26 @@ async def test_batches_at_the_same_time_overdraw_no_more_than_one_does(
     assert (await post(client, vehicle, make_report(99))).status_code == 429
 
 
+async def test_senders_so_slow_that_others_come_in_between_overdraw_no_more(
+    client: httpx.AsyncClient, vehicle: dict[str, str], town: MapIdentity, make_report: MakeReport
+) -> None:
+    go_on, asked = asyncio.Event(), [asyncio.Event(), asyncio.Event()]
+
+    async def slowly(number: int) -> AsyncIterator[bytes]:
+        asked[number].set()
+        await go_on.wait()
+        yield join_batch([serialize_message(make_report(100 * number + one)) for one in range(1, 31)])
+
+    headers = vehicle | {"Content-Type": "application/x-protobuf"}
+    posts = [
+        asyncio.create_task(client.post("/v1/data-messages", content=slowly(number), headers=headers))
+        for number in (0, 1)
+    ]
+    await asyncio.gather(*(one.wait() for one in asked))  # both were let in while there was room
+    go_on.set()
+    assert sorted([answer.status_code for answer in await asyncio.gather(*posts)]) == [202, 429]
+
+
 async def test_what_cannot_be_read_costs_what_it_could_have_held(
     client: httpx.AsyncClient, vehicle: dict[str, str], town: MapIdentity, make_report: MakeReport
 ) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from datetime import timedelta
+from datetime import datetime, timedelta
 
 import httpx
 import pytest
@@ -130,6 +130,29 @@ async def test_a_rotated_key_ends_when_its_grace_does(
     async with engine.begin() as connection:
         with pytest.raises(service.AccountError, match="no valid key"):
             await service.rotate_key(connection, first.key_id, timedelta(0))
+
+
+async def test_a_key_that_has_an_end_gets_no_later_one(engine: AsyncEngine, issue_key: IssueKey) -> None:
+    """Neither by another rotation nor, once it is revoked, by another revocation."""
+    first = await issue_key("vehicle", "van")
+
+    async def ends() -> list[datetime | None]:
+        async with engine.connect() as connection:
+            stored = await repository.find_key(connection, first.key_id)
+        assert stored is not None
+        return [stored.expires_at, stored.revoked_at]
+
+    async with engine.begin() as connection:
+        await service.rotate_key(connection, first.key_id, timedelta(minutes=1))
+    soon, _ = await ends()
+    async with engine.begin() as connection:
+        await service.rotate_key(connection, first.key_id, timedelta(days=1))
+        await service.revoke_key(connection, first.key_id)
+    once = await ends()
+    assert once[0] == soon is not None
+    async with engine.begin() as connection:
+        await service.revoke_key(connection, first.key_id)
+    assert await ends() == once
 
 
 async def test_a_revoked_key_works_no_longer_than_the_cache(
