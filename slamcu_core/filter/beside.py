@@ -7,6 +7,7 @@ own.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,20 +51,29 @@ class Beside:
         f, a = float(table.pass_for[row]), float(table.pass_against[row])
         if table.kind[row] != Kind.MAP or not table.detected[row]:
             return 0.0
-        xy, covariance = place or self.beliefs.place(row)
-        variance = self.hd_map.features[int(table.source[row])].position_std_m ** 2
-        xx, cross, yy = inverse((covariance + np.array([variance, 0.0, variance])).tolist()).tolist()
-        x, y = (xy - table.xy[row]).tolist()
-        squared = xx * x * x + 2.0 * cross * x * y + yy * y * y
+        squared, distance = self._off(row, place or self.beliefs.place(row))
         missed = a >= _GONE and f <= _FROM_AFAR * a
-        if squared <= _ELSEWHERE or not (missed or x * x + y * y >= _MOVED_M**2):
+        if squared <= _ELSEWHERE or not (missed or distance >= _MOVED_M):
             return 0.0
-        return float(squared) / 2.0
+        return squared / 2.0
+
+    def is_in_place(self, row: int, place: tuple[Array, Array]) -> bool:
+        """Return whether what was seen at a place may stand where the map has the feature at a row."""
+        squared, distance = self._off(row, place)
+        return squared <= _ELSEWHERE and distance < _MOVED_M
+
+    def _off(self, row: int, place: tuple[Array, Array]) -> tuple[float, float]:
+        """Return how far a place is from where the map has a row: squared, in standard deviations of both; and in m."""
+        xy, covariance = place
+        variance = self.hd_map.features[int(self.table.source[row])].position_std_m ** 2
+        xx, cross, yy = inverse((covariance + np.array([variance, 0.0, variance])).tolist()).tolist()
+        x, y = (xy - self.table.xy[row]).tolist()
+        return xx * x * x + 2.0 * cross * x * y + yy * y * y, math.hypot(x, y)
 
     def is_told(self, row: int, place: Array) -> bool:
         """Whether another row tells of what a pass took for the map's feature at a row, and saw at a place (2,)."""
         table = self.table
-        others = self._alike(row, place)
+        others = self.alike(row, place)
         others = others[table.pass_for[others] > table.pass_against[others]]
         finds = others[table.kind[others] == Kind.NEW]
         return len(others) > len(finds) or bool((self.management.classify(finds) == State.NEW.value).any())
@@ -82,7 +92,7 @@ class Beside:
                 return True
         return False
 
-    def _alike(self, row: int, place: Array) -> NDArray[np.intp]:
+    def alike(self, row: int, place: Array) -> NDArray[np.intp]:
         """Return the other rows near a place (2,) that could be the same thing, in view at the same time."""
         near = self.table.alive & (np.hypot(*(self.table.xy - place).T) <= _SAME_M)
         near[row] = False

@@ -6,6 +6,7 @@ from slamcu_core.filter.beliefs import Beliefs
 from slamcu_core.filter.beside import Beside
 from slamcu_core.filter.map_management import MapManagement
 from slamcu_core.filter.passes import PassReporter
+from slamcu_core.filter.reunion import Reunion
 from slamcu_core.filter.table import FeatureTable, Kind
 from slamcu_core.reports import PassReport
 
@@ -24,6 +25,7 @@ class PassClosing:
     ) -> None:
         self._table, self._management, self._beliefs = table, management, beliefs
         self._beside, self._reporter = beside, reporter
+        self._reunion = Reunion(table, beliefs, beside, management)
 
     def out_of_view(self, t: float) -> list[PassReport]:
         """End the passes of what has been out of view at t s for the gap that ends a pass."""
@@ -37,7 +39,7 @@ class PassClosing:
         if not rows:
             return []
         table, reports = self._table, []
-        for row in self._management.end_passes(rows):
+        for row in self._management.end_passes(self._reunion.join(rows)):
             seen = table.detected[row] or table.kind[row] == Kind.NEW
             place = self._beliefs.place(row) if seen else None
             position = None if place is None else self._beliefs.position(place)

@@ -242,6 +242,25 @@ class MapManagement:
         self._table.release(row)
         self._around.rows = self._around.rows[self._around.rows != row]
 
+    def unite(self, mapped: int, find: int) -> None:
+        """Give a feature of the map what a find in its place has shown, and forget the find.
+
+        The misses of the feature's open pass are taken back: it was seen, as the find.
+        """
+        table = self._table
+        if not table.open[mapped]:
+            self._begin_passes(np.array([mapped], dtype=np.intp), float(table.pass_start[find]))
+            table.pass_last[mapped] = table.pass_last[find]
+        held, one = table.evidence[[mapped]], np.array([mapped], dtype=np.intp)
+        held[0, Sum.WEIGHT_AGAINST] = max(held[0, Sum.WEIGHT_AGAINST] - held[0, Sum.PASS_AGAINST], 0.0)
+        held[0, [Sum.PASS_AGAINST, Sum.LOOKS_MISSED, Sum.MISSED]] = 0.0
+        existence.add(table, one, held, table.evidence[find][:, None], self._parameters.evidence_cap)
+        table.sighted[mapped] += table.sighted[find]
+        table.hits[mapped] += table.hits[find]
+        table.pass_start[mapped] = min(table.pass_start[mapped], table.pass_start[find])
+        table.pass_last[mapped] = max(table.pass_last[mapped], table.pass_last[find])
+        self._forget(find)
+
     def start_over(self) -> None:
         """Forget what was believed from a wrong pose: the car's own finds, all evidence of the drive, open passes."""
         table = self._table
