@@ -17,7 +17,7 @@ from slamcu_core.filter.calibration import SensorCalibration
 from slamcu_core.filter.detections import Seen
 from slamcu_core.filter.particles import Cloud, Particles
 from slamcu_core.filter.table import FeatureTable, Kind
-from slamcu_core.geometry import rotation, wrap_in_place
+from slamcu_core.geometry import rotation, wrap_angle, wrap_in_place
 from slamcu_core.models import SensorModel, shadow_angle
 
 Array = NDArray[np.float64]
@@ -189,6 +189,6 @@ def _at_an_edge(
     """Return which rows stand so near the edge of a shadow that it matters how well their bearing is known."""
     found = np.zeros(len(distance), dtype=bool)
     for occluder in occluders:
-        edge = np.abs(np.abs(bearing - occluder.bearing) - shadow_angle(occluder))
+        edge = np.abs(np.abs(wrap_angle(bearing - occluder.bearing)) - shadow_angle(occluder))
         found |= (edge < _TAIL_STD * bearing_std + _TAIL_RAD) & (distance > occluder.range - _TAIL_M)
     return found

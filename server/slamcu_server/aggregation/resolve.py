@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamcu_core.aggregation import Policy
-from slamcu_core.errors import SlamcuError
 from slamcu_server.aggregation.cells import Cell, keys_within
 from slamcu_server.aggregation.condensed import NAMES, PLACED, STATUSES, VALID, WATCHED, Reported, instants
 from slamcu_server.aggregation.evidence import frame_at
@@ -22,10 +21,6 @@ from slamcu_server.aggregation.passes import StoredPass
 
 Indices = NDArray[np.intp]
 Ids = NDArray[np.int64]
-
-
-class UnresolvableError(SlamcuError):
-    """A message that cannot be read as evidence about any map this server has."""
 
 
 @dataclass(frozen=True, slots=True)

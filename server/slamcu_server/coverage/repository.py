@@ -34,6 +34,7 @@ async def count_by_tile(connection: AsyncConnection, query: CoverageQuery) -> li
     looked = state.looked + state.forgotten_looked
     blocked = state.blocked + state.forgotten_blocked
     agrees = and_(state.last_seen >= query.since, state.standing.is_(False))
+    faded = func.coalesce(state.fades_at <= func.now(), False)  # until the worker has said so
     counted = (
         select(
             x.label("x"),
@@ -41,7 +42,7 @@ async def count_by_tile(connection: AsyncConnection, query: CoverageQuery) -> li
             func.count().label("features"),
             func.count().filter(agrees).label("verified"),
             func.count().filter(state.last_looked >= query.since).label("looked_at"),
-            func.count().filter(state.standing.is_(True)).label("contradicted"),
+            func.count().filter(and_(state.standing.is_(True), ~faded)).label("contradicted"),
             func.count().filter(state.last_looked.is_(None)).label("never_looked"),
             func.count().filter(and_(state.last_looked.is_(None), blocked > 0)).label("never_seen_past"),
             func.min(state.last_looked).label("oldest_look"),

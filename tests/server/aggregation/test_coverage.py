@@ -6,6 +6,7 @@ from typing import Any
 
 import httpx
 import pytest
+from sqlalchemy import text
 
 from slamcu_server.aggregation.policy import remember_policy
 from slamcu_server.maps.tiles import tile_at, tile_bounds
@@ -54,6 +55,23 @@ async def test_coverage_tells_by_tile_what_need_not_be_surveyed(
     assert [passed_by[name] for name in ("never_looked", "always_hidden", "oldest_look")] == [1, 0, None]
     later = await client.get("/v1/coverage", headers=provider, params=parameters | {"since": reports.at(9).isoformat()})
     assert sum(tile["verified"] for tile in later.json()["tiles"]) == 0
+
+
+async def test_what_has_faded_contradicts_nothing(
+    road: Any, reports: Any, engine: Any, client: httpx.AsyncClient, provider: Headers
+) -> None:
+    await driven(road, reports)
+    parameters = {"map": "road", "bbox": BOX}
+
+    async def told() -> tuple[int, list[bool]]:
+        tiles = (await client.get("/v1/coverage", headers=provider, params=parameters)).json()["tiles"]
+        listed = (await client.get("/v1/features?map=road", headers=provider)).json()["features"]
+        return sum(tile["contradicted"] for tile in tiles), [one["stands_against"] for one in listed]
+
+    assert await told() == (1, [False, True, False, False])
+    async with engine.begin() as connection:
+        await connection.execute(text("UPDATE feature_states SET fades_at = now() - interval '1 second'"))
+    assert await told() == (0, [False, False, False, False])
 
 
 @pytest.mark.parametrize(
