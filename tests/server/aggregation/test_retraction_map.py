@@ -13,7 +13,9 @@ from slamcu_core.aggregation import ClassPolicy, Policy
 from slamcu_server.aggregation import rebuild
 from slamcu_server.aggregation.locks import lock_cells
 from slamcu_server.aggregation.refold import cells_of
-from slamcu_server.retraction import corrections
+from slamcu_server.retraction import corrections, marks, repository
+from slamcu_server.retraction.filter import EvidenceFilter
+from slamcu_server.trust.job import GATE_REASON
 
 pytestmark = pytest.mark.anyio
 
@@ -114,6 +116,24 @@ async def test_finds_and_watch_reports_come_back_to_a_candidate_that_was_accepte
     state = await town.feature_state(accepted.json()["map_object_id"])
     assert (state.passes, state.contributors_for) == (2, 2)
     assert [(change.kind, change.state) for change in await town.changes()] == [("new", "accepted")]
+
+
+async def test_a_session_that_the_server_lets_in_again_is_matched_too(town: Any, reports: Any, imports: Any) -> None:
+    await found(town, reports, "a", fleet="vans")
+    gated = EvidenceFilter(contributor_id=await town.account("a"), session_id="s")
+    async with town.engine.begin() as connection:
+        await marks.hold_alone(connection)
+        gate = await repository.add(connection, gated, GATE_REASON, None)
+    await corrections.correct_all(town.engine, town.policy)
+    await imports("2026.06", NEXT)
+    async with town.engine.begin() as connection:
+        await marks.hold_alone(connection)
+        assert await repository.list_gates(connection) == {(gated.contributor_id, "s"): gate}
+        await repository.request_undo(connection, gate, "others agree", None)
+    await corrections.correct_all(town.engine, town.policy)
+    assert await town.candidates() == []
+    assert (await town.feature_state(SIGN)).passes == 1
+    await assert_settled(town)
 
 
 @pytest.mark.parametrize("policy", [Policy(ClassPolicy(strangers_more=0, window=4))])
