@@ -13,6 +13,7 @@ from slamcu_core.aggregation.policy import ClassPolicy
 Array = NDArray[np.float64]
 
 _DAY_S = 86400.0
+_STEPS = 100  # of Newton's; rounding ends them after five to ten
 
 
 def decayed(state: FoldedState, as_of: float, policy: ClassPolicy) -> tuple[float, float]:
@@ -69,10 +70,15 @@ def _kept_at_mass(own: Array, other: Array, mass: Array) -> Array:
         """Return the logit of the mass on the side over that of `mass`: concave in what is kept, -inf at 0."""
         return np.asarray(kept * own + np.log(-np.expm1(-kept * own)) - kept * other - logit)
 
-    below = excess(np.ones(len(own))) < 0.0
-    low, kept = np.zeros(len(own)), np.ones(len(own))
-    for _ in range(60):
-        middle = 0.5 * (low + kept)
-        above = excess(middle) >= 0.0
-        low, kept = np.where(above, low, middle), np.where(above, middle, kept)
-    return np.where(below, np.minimum(-np.log1p(-mass) / own, 1.0), kept)
+    # Undisputed it reads the mass where less is left. From there Newton's steps rise to the root, as tangents of a
+    # concave function do, until rounding ends them: each of its own, with whatever others it is asked.
+    kept = np.minimum(-np.log1p(-mass) / own, 1.0)
+    rising = excess(np.ones(len(own))) >= 0.0
+    for _ in range(_STEPS):
+        with np.errstate(divide="ignore", invalid="ignore"):  # where there is no root
+            further = kept - excess(kept) / (own / -np.expm1(-kept * own) - other)
+        rising &= further > kept
+        if not rising.any():
+            break
+        kept = np.where(rising, further, kept)
+    return kept
