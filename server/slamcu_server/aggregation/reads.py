@@ -143,13 +143,15 @@ async def passes_near(
         WHERE NOT p.id = ANY(CAST(:seen AS bigint[]))""")  # noqa: S608  (constants)
     found: dict[int, StoredPass] = {}
     reach_deg = degrees(reach_m)
+    asked = set[tuple[int, float, float]]()
     frontier = sorted(set(places))
     while frontier:
+        asked |= set(frontier)
         rows = [dict(zip(types, place, strict=True)) for place in both_sides(frontier)]
         result = await connection.execute(query, {**arrays(types, rows), "reach": reach_deg, "seen": sorted(found)})
         fresh = [item for item in map(stored_pass, result.all()) if item.clusters]
         found |= {item.id: item for item in fresh}
-        frontier = sorted({(item.map_id, *item.place[:2]) for item in fresh if item.place})
+        frontier = sorted({(item.map_id, *item.place[:2]) for item in fresh if item.place} - asked)
     return list(found.values())
 
 

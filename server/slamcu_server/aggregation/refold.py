@@ -26,6 +26,7 @@ from slamcu_server.aggregation.folding import (
     partition,
 )
 from slamcu_server.aggregation.locks import require_cells
+from slamcu_server.aggregation.membership import Membership
 from slamcu_server.aggregation.pairs import (
     candidates_beside,
     doubted,
@@ -85,12 +86,11 @@ async def refold(
             mapped, without = await _refold_features(connection, todo.features, policy)
             features |= mapped
             unmapped |= without
-        if todo.places is None or todo.places:
-            found, into = await _refold_candidates(connection, todo.places, held, policy)
+        if todo.places is None or todo.places or watched:
+            found, into = await _refold_candidates(connection, todo.places, watched, held, policy)
             candidates |= found
             merged |= into
-        if watched := watched - candidates.keys() - merged.keys():
-            candidates |= await _refold_watched(connection, watched, held, policy)
+            watched = frozenset()
         known = Neighbourhood(features, candidates, frozenset(merged), frozenset(unmapped))
         todo, stale = await _further(connection, known, held, policy)
         gone |= stale
@@ -150,17 +150,20 @@ async def _refold_features(
 
 
 async def _refold_candidates(
-    connection: AsyncConnection, places: Places | None, held: frozenset[Cell] | None, policy: Policy
+    connection: AsyncConnection,
+    places: Places | None,
+    watched: frozenset[int],
+    held: frozenset[Cell] | None,
+    policy: Policy,
 ) -> tuple[dict[int, tuple[Subject, Belief]], dict[int, int]]:
-    if places is None:
-        passes = await reads.all_clustering_passes(connection)
-    else:
-        passes = await reads.passes_near(connection, places, policy.reach_m)
-        require_cells(cells_of(((item.map_id, *item.place[:2]) for item in passes if item.place), policy), held)
-    known = await reads.candidates_founded_by(connection, (item.id for item in passes))
-    parts = await asyncio.to_thread(partition, passes, {key: item.id for key, item in known.items()}, policy)
-    watched = await reads.passes_over_watches(connection, parts.watch_ids)
-    folds = await asyncio.to_thread(fold_candidates, parts, watched, policy)
+    """Cluster the finds near places anew, and fold what they make together with the candidates that were watched.
+
+    Return the beliefs, and of the candidates that are part of another one now that one's id.
+    """
+    parts, named = await _clustered(connection, places, held, policy)
+    standing, named_too = await _watched(connection, watched - parts.watch_ids, held, policy)
+    parts, named = replace(parts, memberships=(*parts.memberships, *standing)), named | named_too
+    folds = await asyncio.to_thread(fold_candidates, parts, named, policy)
     ids = await _write_candidates(connection, folds, policy)
     await writes.merge_candidates(connection, parts.merged)
 
@@ -173,20 +176,33 @@ async def _refold_candidates(
     return beliefs, parts.merged
 
 
-async def _refold_watched(
+async def _clustered(
+    connection: AsyncConnection, places: Places | None, held: frozenset[Cell] | None, policy: Policy
+) -> tuple[Partition, dict[int, list[StoredPass]]]:
+    """Return the candidates that the finds near places make, and the passes over their watch features."""
+    if places is None:
+        passes = await reads.all_clustering_passes(connection)
+    elif places:
+        passes = await reads.passes_near(connection, places, policy.reach_m)
+        require_cells(cells_of(((item.map_id, *item.place[:2]) for item in passes if item.place), policy), held)
+    else:
+        return Partition((), ()), {}
+    known = await reads.candidates_founded_by(connection, (item.id for item in passes))
+    parts = await asyncio.to_thread(partition, passes, {key: item.id for key, item in known.items()}, policy)
+    return parts, await reads.passes_over_watches(connection, parts.watch_ids)
+
+
+async def _watched(
     connection: AsyncConnection, ids: frozenset[int], held: frozenset[Cell] | None, policy: Policy
-) -> dict[int, tuple[Subject, Belief]]:
-    """Fold candidates again whose finds are the same: a group need not be clustered anew for what names a candidate."""
+) -> tuple[list[Membership], dict[int, list[StoredPass]]]:
+    """Return candidates as they are stored, and the passes that named them: no group is clustered anew for these."""
+    if not ids:
+        return [], {}
     passes = await reads.passes_over_candidates(connection, ids)
-    standing = (members(key, passes[key]) for key in sorted(passes))
-    parts = Partition(tuple(one for one in standing if one is not None), ())
-    places = ((item.map_id, *item.place[:2]) for one in parts.memberships for item in one.members if item.place)
+    standing = [one for key in sorted(passes) if (one := members(key, passes[key])) is not None]
+    places = ((item.map_id, *item.place[:2]) for one in standing for item in one.members if item.place)
     require_cells(cells_of(places, policy), held)
-    named = {key: [item for item in mine if not item.clusters] for key, mine in passes.items()}
-    folds = await asyncio.to_thread(fold_candidates, parts, named, policy)
-    known = await _write_candidates(connection, folds, policy)
-    await writes.delete_passes(connection, (key for one in folds for key in one.summary.expired))
-    return {key: candidate_belief(key, one, policy.version) for key, one in zip(known, folds, strict=True)}
+    return standing, {key: [item for item in mine if not item.clusters] for key, mine in passes.items()}
 
 
 async def _write_candidates(connection: AsyncConnection, folds: list[CandidateFold], policy: Policy) -> list[int]:
