@@ -7,6 +7,7 @@ import itertools
 import math
 from random import Random
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -20,10 +21,11 @@ from slamcu_core.aggregation import (
     contributions,
     decayed,
     fades_at,
+    fades_each,
     fold,
 )
 from slamcu_core.errors import EvidenceError
-from slamcu_core.evidence import Masses, support
+from slamcu_core.evidence import Masses, masses_from_weights, support
 
 POLICY = ClassPolicy()
 HOUR, DAY = 3600.0, 86400.0
@@ -273,6 +275,26 @@ def test_what_stands_only_for_want_of_witnesses_fades_when_it_would_undisputed()
         assert Masses.from_weights(0.0, against).not_exists == pytest.approx(mass, abs=1e-6)
     # what would be below it even undisputed has faded by now
     assert fades_at(state, POLICY, Side.DELETED, 0.99) == state.last_informative
+
+
+def test_moments_of_fading_are_exact_and_do_not_depend_on_what_else_is_asked() -> None:
+    rng = np.random.default_rng(7)
+    own = rng.exponential(4.0, 500) * 10.0 ** rng.uniform(-3.0, 1.0, 500)
+    other = own * rng.uniform(0.0, 1.2, 500)
+    masses = rng.choice([0.1, 0.4, 0.5, 0.65, 0.8, 0.99], 500)
+    last = rng.uniform(0.0, 10.0 * DAY, 500)
+    told = fades_each(own, other, last, masses, policy=POLICY, side=Side.NEW)
+    kept = 0.5 ** ((told - last) / DAY / POLICY.half_life_days)
+    exists, _, _ = masses_from_weights(own, other)
+    reads, _, _ = masses_from_weights(kept * own, kept * other)
+    speaks = exists >= masses
+    assert 100 < speaks.sum() < 400
+    np.testing.assert_allclose(reads[speaks], masses[speaks], rtol=1e-9)
+    for one in range(0, 500, 7):
+        alone = slice(one, one + 1)
+        assert (
+            fades_each(own[alone], other[alone], last[alone], masses[alone], policy=POLICY, side=Side.NEW) == told[one]
+        )
 
 
 def test_what_nobody_spoke_for_never_fades() -> None:
