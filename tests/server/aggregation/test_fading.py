@@ -84,7 +84,7 @@ async def test_an_explanation_reads_the_evidence_as_of_a_time(
 
 
 async def test_an_explanation_as_of_a_time_keeps_what_a_car_had_said_by_then(
-    town: Any, reports: Any, client: httpx.AsyncClient, provider: dict[str, str]
+    town: Any, reports: Any, client: httpx.AsyncClient, admin: dict[str, str]
 ) -> None:
     """Though the car said more within the same hour, and both count as one contribution afterwards."""
     for car in ("a", "b"):
@@ -93,7 +93,7 @@ async def test_an_explanation_as_of_a_time_keeps_what_a_car_had_said_by_then(
 
     async def told(hours: float) -> list[tuple[int, float]]:
         parameters = {"as_of": reports.at(hours).isoformat()}
-        evidence = (await client.get("/v1/changes/1", headers=provider, params=parameters)).json()["evidence"]
+        evidence = (await client.get("/v1/changes/1", headers=admin, params=parameters)).json()["evidence"]
         return [(one["passes"], one["weight_for"]) for one in evidence["contributions"]]
 
     then, now = await told(0.25), await told(1.0)
