@@ -408,7 +408,7 @@ def test_wrong_usage_is_explained(folder: Path, capfd, arguments, message: str) 
 
 def test_too_few_particles_are_refused(folder: Path, capfd) -> None:
     assert main([*LOCAL, "--particles", "1"]) == 1
-    assert "particles must lie in [2" in capfd.readouterr().err
+    assert "particles must be a whole number in [2" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize("command", [[], ["drive"], ["fetch-map"], ["upload"]])
