@@ -46,7 +46,7 @@ async def attempt(work: Callable[[], Awaitable[T]]) -> T:
             return await work()
         except BatchError as failed:
             cause = failed.__cause__
-            if cause is None or not passes(cause):
+            if cause is None or not transient(cause):
                 raise
             if number == _ATTEMPTS or _lost(cause):
                 raise cause from None
@@ -61,7 +61,7 @@ def reason(error: BaseException) -> str:
     return words.replace("\x00", "?")[:_REASON_MAX]  # which PostgreSQL cannot store
 
 
-def passes(error: BaseException) -> bool:
+def transient(error: BaseException) -> bool:
     """Whether the same work may succeed later: nothing must be put aside for what the database suffers."""
     state = getattr(getattr(error, "orig", None), "sqlstate", None)
     return _lost(error) or (isinstance(state, str) and state.startswith(_PASSING))

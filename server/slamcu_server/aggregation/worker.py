@@ -14,7 +14,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 
 from slamcu_core.aggregation import Policy
 from slamcu_server.aggregation import log
-from slamcu_server.aggregation.attempts import BatchError, attempt, passes
+from slamcu_server.aggregation.attempts import BatchError, attempt, transient
 from slamcu_server.aggregation.batch import Fused, process_batch, quarantine
 from slamcu_server.aggregation.fading import fade
 from slamcu_server.aggregation.forgetting import forget_messages
@@ -54,7 +54,7 @@ async def run_worker(
         try:
             return await work
         except Exception as error:
-            if passes(error):
+            if transient(error):
                 raise
             logger.exception("%s failed; it is tried again in %.0f s", name, _HOUSEKEEPING_S)
             if instruments is not None:

@@ -17,7 +17,7 @@ from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
 from slamcu_core.aggregation import Policy
 from slamcu_server.aggregation import aside, reads
 from slamcu_server.aggregation.aside import Work
-from slamcu_server.aggregation.attempts import BatchError, attempt, passes, reason
+from slamcu_server.aggregation.attempts import BatchError, attempt, reason, transient
 from slamcu_server.aggregation.cells import Cell
 from slamcu_server.aggregation.locks import BeyondLockedCells, lock_cells, require_cells
 from slamcu_server.aggregation.refold import Touched, cells_of, refold
@@ -84,7 +84,7 @@ async def _list_next(engine: AsyncEngine) -> bool:
                 await repository.list_marked(connection, waiting)
             await aside.done(connection, Work.RETRACTION, [waiting.id])
     except Exception as error:
-        if waiting is None or passes(error):
+        if waiting is None or transient(error):
             raise
         logger.exception("the listing of retraction %d is put aside", waiting.id)
         async with engine.begin() as connection:
