@@ -33,9 +33,8 @@ class Reunion:
             if row not in ending:
                 continue
             if table.kind[row] == Kind.NEW:
-                for mapped in self._in_place(row):
-                    self._take_in(mapped, row, ending)
-                    break
+                if there := self._in_place(row):
+                    self._take_in(there[0], row, ending)
             elif table.kind[row] == Kind.MAP and table.pass_against[row] > table.pass_for[row]:
                 finds = self.beside.alike(row, table.xy[row])
                 for find in finds[table.kind[finds] == Kind.NEW].tolist():

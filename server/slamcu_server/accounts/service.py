@@ -44,10 +44,7 @@ async def create_account(
 
 async def add_key(connection: AsyncConnection, label: str) -> IssuedKey:
     """Give an existing account another key. Raises AccountError if there is no such account."""
-    found = await repository.find_account(connection, label)
-    if found is None:
-        raise AccountError(f"there is no account {label!r}")
-    return await _issue(connection, *found, label)
+    return await _issue(connection, *await _account(connection, label), label)
 
 
 async def bind_account(connection: AsyncConnection, label: str, scope: MapScope) -> None:
@@ -55,12 +52,16 @@ async def bind_account(connection: AsyncConnection, label: str, scope: MapScope)
 
     Raises AccountError if there is no such account, or if its role is bound to nothing.
     """
+    account_id, role = await _account(connection, label)
+    _require_binding(role, scope)
+    await repository.bind_account(connection, account_id, scope)
+
+
+async def _account(connection: AsyncConnection, label: str) -> tuple[int, Role]:
     found = await repository.find_account(connection, label)
     if found is None:
         raise AccountError(f"there is no account {label!r}")
-    account_id, role = found
-    _require_binding(role, scope)
-    await repository.bind_account(connection, account_id, scope)
+    return found
 
 
 def _require_binding(role: Role, scope: MapScope) -> None:

@@ -39,12 +39,16 @@ class PutAside:
 
 def fresh(work: Work, key: str) -> str:
     """Return the SQL condition that the work of a key never failed."""
-    return f"NOT EXISTS (SELECT FROM put_aside a WHERE a.work = '{work}' AND a.key = {key})"
+    return f"NOT EXISTS ({_aside(work, key)})"
 
 
 def due(work: Work, key: str) -> str:
     """Return the SQL condition that the work of a key may be tried: it never failed, or long ago."""
-    return f"NOT EXISTS (SELECT FROM put_aside a WHERE a.work = '{work}' AND a.key = {key} AND a.retry_at > now())"
+    return f"NOT EXISTS ({_aside(work, key)} AND a.retry_at > now())"
+
+
+def _aside(work: Work, key: str) -> str:
+    return f"SELECT FROM put_aside a WHERE a.work = '{work}' AND a.key = {key}"
 
 
 async def put(connection: AsyncConnection, work: Work, key: int, error: str) -> None:

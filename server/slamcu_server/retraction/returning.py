@@ -40,12 +40,11 @@ async def tie(connection: AsyncConnection, pass_ids: Collection[int], policy: Po
     """
     found = await reads.nameless_passes(connection, pass_ids)
     matched = await match(connection, [item for item, _ in found], [sequence for _, sequence in found], policy)
-    about = [{"id": item.id, "feature": item.feature_id} for item in matched if item.feature_id is not None]
+    tied = {item.id: item.feature_id for item in matched if item.feature_id is not None}
     bound: list[int] = []
-    if about:
+    if tied:
+        about = [{"id": key, "feature": feature} for key, feature in tied.items()]
         await connection.execute(_TIE, arrays(_ABOUT, about))
         bound = [row.id for row in await connection.execute(_BIND, arrays(_ABOUT, about))]
     followed = await connection.execute(_FOLLOW, {"passes": sorted(pass_ids), "bound": bound})
-    return frozenset(item.feature_id for item in matched if item.feature_id is not None) | {
-        row.feature_id for row in followed
-    }
+    return frozenset(tied.values()) | {row.feature_id for row in followed}
