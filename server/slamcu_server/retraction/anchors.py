@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from sqlalchemy import Row, text
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from slamcu_server.aggregation.refold import Places
+
 # also what was dissolved before, where a report that names it comes now, or comes back
 _LOST = text("""
     SELECT c.id, COALESCE(c.merged_into, c.id) AS root
@@ -38,7 +40,7 @@ class PassedOn:
     """What has become of candidates without their founding passes."""
 
     dissolved: frozenset[int]
-    places: frozenset[tuple[int, float, float]]  # (map id, lon, lat) of the finds to which the others are bound now
+    places: Places  # of the finds to which the others are bound now
 
 
 async def pass_on(connection: AsyncConnection, pass_ids: Collection[int]) -> PassedOn:

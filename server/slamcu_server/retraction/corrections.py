@@ -20,7 +20,7 @@ from slamcu_server.aggregation.aside import Work
 from slamcu_server.aggregation.attempts import BatchError, attempt, reason, transient
 from slamcu_server.aggregation.cells import Cell
 from slamcu_server.aggregation.locks import BeyondLockedCells, lock_cells, require_cells
-from slamcu_server.aggregation.refold import Touched, cells_of, refold
+from slamcu_server.aggregation.refold import Places, Touched, cells_of, refold
 from slamcu_server.changes import feed
 from slamcu_server.retraction import anchors, marks, repository, returning
 from slamcu_server.retraction.repository import State, StoredRetraction
@@ -38,7 +38,7 @@ class _Listed:
 
     passes: frozenset[int]
     features: frozenset[int]
-    places: frozenset[tuple[int, float, float]]
+    places: Places
 
 
 async def correct(engine: AsyncEngine, policy: Policy, piece: int = PIECE) -> bool:
