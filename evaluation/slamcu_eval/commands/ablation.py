@@ -42,7 +42,9 @@ def register(app: typer.Typer) -> None:
         if mrclam is not None:
             if not mrclam.is_dir():
                 raise MissingRecordingError(mrclam)
-            robots = Setting(mrclam.absolute(), numbers(sessions), duration, edits, seed, particles)
+            robots = Setting(
+                mrclam.absolute(), numbers(sessions), duration, edits=edits, seed=seed, particles=particles
+            )
         if not drives and robots is None:
             raise SlamcuError("--drives 0 without --mrclam leaves nothing to run")
         with progress() as bars:

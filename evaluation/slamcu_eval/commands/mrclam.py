@@ -28,6 +28,9 @@ def register(app: typer.Typer) -> None:
         ],
         sessions: Annotated[str, typer.Option(help="Numbers of the sessions, with commas.")] = "2,4",
         duration: Annotated[float, typer.Option(min=10.0, help="Seconds of each run, from its start.")] = 600.0,
+        begin: Annotated[
+            float, typer.Option(min=0.0, help="Seconds into the recordings at which the runs start.")
+        ] = 0.0,
         edits: Annotated[int, typer.Option(min=1, max=1_000, help="Wrong maps per session.")] = 3,
         seed: Annotated[int, typer.Option(min=0, help="Seed of maps, start errors and filters.")] = 0,
         particles: Annotated[int, typer.Option(min=2, max=100_000, help="Particles of the filter.")] = 100,
@@ -42,19 +45,19 @@ def register(app: typer.Typer) -> None:
         """
         if not directory.is_dir():
             raise MissingRecordingError(directory)
-        setting = Setting(directory.absolute(), numbers(sessions), duration, edits, seed, particles)
+        setting = Setting(directory.absolute(), numbers(sessions), duration, begin, edits, seed, particles)
         with progress() as bars:
             bar = bars.add_task("starting a server", total=None)
             shares: dict[int, float] = {}
 
-            def begin(names: Sequence[str]) -> None:
+            def announce(names: Sequence[str]) -> None:
                 bars.update(bar, description=f"{len(names)} robot runs of {duration:g} s", total=len(names))
 
             def tell(run: int, done: float) -> None:
                 shares[run] = done
                 bars.update(bar, completed=sum(shares.values()))
 
-            single, fused = run_experiment(setting, jobs=jobs, begin=begin, tell=tell)
+            single, fused = run_experiment(setting, jobs=jobs, begin=announce, tell=tell)
         figures = mrclam_figures(single, fused)
         console.print(confusion_table(figures["pooled"]["fused"]["confusion"]))
         console.print(_table(figures))

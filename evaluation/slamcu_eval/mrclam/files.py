@@ -97,8 +97,10 @@ def read_odometry(folder: Path, robot: int) -> Iterator[tuple[float, float, floa
         yield time, speed, yaw_rate
 
 
-def read_reference(folder: Path, robot: int) -> NDArray[np.float64]:
-    """Read the trajectory that a robot is scored by: (T, 4) of UNIX time in s, x and y in m, heading in rad.
+def read_reference(folder: Path, robot: int, begin: float = 0.0) -> NDArray[np.float64]:
+    """Read the trajectory that a robot is scored by, from `begin` s after its first pose on.
+
+    Returns (T, 4): UNIX time in s, x and y in m, heading in rad. Raises FormatError if no pose is left.
 
     That is `RobotN_Reference.csv` where there is one, else the dataset's own `RobotN_Groundtruth.dat`.
     """
@@ -109,7 +111,13 @@ def read_reference(folder: Path, robot: int) -> NDArray[np.float64]:
     rows = [row for _, row in _ordered(path, ("time_s", "x_m", "y_m", "heading_rad"), separator=separator)]
     if not rows:
         raise FormatError("expected at least one pose, found none", source=path.name)
-    return np.array(rows, float)
+    poses = np.array(rows, float)
+    lasts = poses[-1, 0] - poses[0, 0]
+    if begin > lasts:
+        raise FormatError(
+            f"expected poses {begin:g} s after the first, but it ends after {lasts:.0f} s", source=path.name
+        )
+    return poses[int(np.searchsorted(poses[:, 0], poses[0, 0] + begin)) :]
 
 
 def _ordered(

@@ -23,6 +23,7 @@ class Setting:
     directory: Path
     sessions: tuple[int, ...] = (2, 4)
     duration: float = 600.0  # s
+    begin: float = 0.0  # s into the recording
     edits: int = 3  # wrong maps per session
     seed: int = 0
     particles: int = 100
@@ -61,7 +62,12 @@ class RobotDrive:
         """Load the recording, with a start error of its own."""
         rng = np.random.default_rng((self.setting.seed, self.session, self.edit, self.robot))
         header, records, reference = load_run(
-            self.setting.directory, self.session, self.robot, self.setting.duration, rng=rng
+            self.setting.directory,
+            self.session,
+            self.robot,
+            self.setting.duration,
+            begin=self.setting.begin,
+            rng=rng,
         )
         header = replace(header, session_id=f"{header.session_id}-edit-{self.edit}")
         truth = np.column_stack([reference[:, 0], *ARENA.to_geographic(reference[:, 1:3])])

@@ -63,13 +63,14 @@ def load_run(
     robot: int,
     duration: float,
     *,
+    begin: float = 0.0,
     rng: np.random.Generator | None = None,
     parameters: RunParameters | None = None,
 ) -> tuple[DriveHeader, list[Record], NDArray[np.float64]]:
-    """Load the first `duration` seconds of one robot's run as a drive.
+    """Load `duration` seconds of one robot's run, from `begin` s into it, as a drive.
 
-    Time 0 is the first pose of the reference trajectory. Barcodes are used for one thing only: detections of other
-    robots are dropped by class. They leave a frame behind, for they prove that the camera looked.
+    Time 0 is the first pose of the reference trajectory from there on. Barcodes are used for one thing only:
+    detections of other robots are dropped by class. They leave a frame behind, for they prove that the camera looked.
 
     Parameters
     ----------
@@ -86,7 +87,7 @@ def load_run(
     p = parameters or RunParameters()
     rng = np.random.default_rng((session, robot)) if rng is None else rng
     folder = session_folder(Path(directory), session)
-    reference = read_reference(folder, robot)
+    reference = read_reference(folder, robot, begin)
     start = float(reference[0, 0])
     reference[:, 0] -= start
     subjects = read_barcodes(folder)

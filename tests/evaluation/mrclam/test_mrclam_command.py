@@ -41,6 +41,7 @@ def test_the_command_scores_robots_alone_and_as_a_fleet(
     [
         ([], r"nowhere.*not found.*University of Toronto.*educational use"),
         (["--sessions", "two"], "--sessions takes numbers with commas"),
+        (["--sessions", "2", "--begin", "9000"], r"Reference.csv: expected poses 9000 s after .* ends after \d+ s"),
     ],
 )
 def test_bad_input_gets_one_clear_line(

@@ -37,6 +37,27 @@ def test_records_come_in_order_of_time_and_within_the_duration(recording: Path) 
     assert reference[-1, 0] == pytest.approx(20.0, abs=0.1)
 
 
+def test_a_later_stretch_is_the_same_recording_with_another_start(recording: Path) -> None:
+    whole, records, reference = load_run(recording, 2, 3, 30.0)
+    later, rest, poses = load_run(recording, 2, 3, 20.0, begin=10.0)
+    shift = (later.start_time - whole.start_time).total_seconds()
+    assert shift == pytest.approx(10.0, abs=0.5)
+    np.testing.assert_allclose(
+        poses[:, 0] + shift, reference[reference[:, 0] >= shift - 1e-6, 0][: len(poses)], atol=1e-5
+    )
+    whole_frames, frames = (
+        {
+            round(record.t + start, 3): record.items
+            for record in some
+            if isinstance(record, DetectionFrame) and record.items
+        }
+        for some, start in ((records, 0.0), (rest, shift))
+    )
+    assert frames.items() <= whole_frames.items()
+    assert len(frames) == sum(t >= shift for t in whole_frames)
+    assert later.sensors == whole.sensors
+
+
 def test_other_robots_leave_a_frame_but_no_detection(recording: Path) -> None:
     _, records, _ = load_run(recording, 2, 1, 30.0, parameters=replace(PARAMETERS, silence_s=float("inf")))
     frames = [record for record in records if isinstance(record, DetectionFrame)]
