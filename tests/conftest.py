@@ -5,10 +5,14 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import multiprocessing.util
+import os
 import shutil
 import signal
+import subprocess
+import sys
 import tempfile
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -66,3 +70,38 @@ def ctrl_c() -> Iterator[None]:
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture
+def interrupted(ctrl_c: None) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Return a function that runs a program and all it starts until Ctrl-C comes, so many seconds after its beginning.
+
+    Its beginning is when the interpreter is up and has come to the program's own first module: what a busy machine
+    takes to get there is nothing that the program could answer for.
+    """
+
+    def run(
+        program: str, *arguments: str, after_s: float, environment: Mapping[str, str] = os.environ
+    ) -> subprocess.CompletedProcess[str]:
+        process = subprocess.Popen(
+            [Path(sys.executable).with_name(program), *arguments],
+            env={**environment, "PYTHONPROFILEIMPORTTIME": "1"},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        assert process.stderr is not None
+        try:
+            next(line for line in process.stderr if "slamcu_core.program" in line)
+            time.sleep(after_s)
+            os.killpg(process.pid, signal.SIGINT)
+            said, remarks = process.communicate(timeout=60)  # also until nothing is left that it has started
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+        lines = [line for line in remarks.splitlines() if not line.startswith("import time:")]
+        return subprocess.CompletedProcess(process.args, process.returncode, said, "\n".join(lines))
+
+    return run

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from slamcu_client.cli import main
+from slamcu_core import program
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(program.run("slamcu_client.cli"))

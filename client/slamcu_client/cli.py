@@ -14,6 +14,7 @@ from pathlib import Path
 from slamcu_client import commands
 from slamcu_client.errors import ConnectionSettingsError
 from slamcu_client.version import SOFTWARE_VERSION
+from slamcu_core import program
 from slamcu_core.errors import SlamcuError
 
 _KEY_VARIABLE = "SLAMCU_API_KEY"
@@ -60,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _fail(f"{error.filename or 'file'}: {error.strerror or error}", 1)
     except KeyboardInterrupt:
-        return _fail("interrupted; what is in the outbox stays there", 130)
+        return _fail("interrupted; what is in the outbox stays there", program.INTERRUPTED)
     failure = commands.console.failure
     return code if failure is None else _fail(f"standard output: {failure.strerror or failure}", 1)
 

@@ -7,11 +7,11 @@ user did wrong, and `main` turns that into one line and exit code 1.
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
 
 import typer
 
+from slamcu_core import program
 from slamcu_core.errors import SlamcuError
 from slamcu_eval.console import error_console
 
@@ -45,8 +45,9 @@ def build_app() -> typer.Typer:
     def _root() -> None:
         """Simulate drives, run the filter and the cloud on them, and score the results."""
 
-    for name in COMMANDS:
-        import_module(name).register(app)
+    with program.ends_at_once():
+        for name in COMMANDS:
+            import_module(name).register(app)
     return app
 
 
@@ -61,7 +62,7 @@ def run(arguments: list[str] | None = None) -> int:
     except OSError as error:
         return _fail(f"{error.filename or 'file'}: {error.strerror or error}", code=1)
     except (typer.Abort, KeyboardInterrupt):
-        return _fail("interrupted", code=130)
+        return _fail("interrupted", code=program.INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 
@@ -71,6 +72,6 @@ def _fail(message: str, *, code: int) -> int:
     return code
 
 
-def main() -> None:
-    """Run the command line of this process."""
-    sys.exit(run())
+def main() -> int:
+    """Run the command line of this process and return its exit code."""
+    return run()

@@ -6,12 +6,57 @@ interpreters, one for each drive's process, spent more time on importing than a 
 
 from __future__ import annotations
 
-from multiprocessing import get_context
+import signal
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import active_children, forkserver, get_context
 from multiprocessing.context import ForkServerContext
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 
 def clean_copies() -> ForkServerContext:
-    """Return the context to make pools of processes in."""
+    """Return the context to make pools of processes in; none of them minds Ctrl-C, which is for the one who asks."""
     context = get_context("forkserver")
     context.set_forkserver_preload(["slamcu_eval.ablation", "slamcu_eval.fleet"])
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        forkserver.ensure_running()  # in which it is ignored from the start, as in its copies
+    finally:
+        signal.signal(signal.SIGINT, before)
     return context
+
+
+@contextmanager
+def in_copies(
+    processes: int,
+    calls: Iterable[Callable[[], T]],
+    initializer: Callable[..., object] | None = None,
+    initargs: tuple[Any, ...] = (),
+) -> Iterator[list[Future[T]]]:
+    """Begin calls in such processes, and give their futures; if the block fails or is interrupted, all are stopped."""
+    pool = ProcessPoolExecutor(processes, mp_context=clean_copies(), initializer=initializer, initargs=initargs)
+    try:
+        with _ctrl_c_held_back():  # a process that is interrupted in its making would be left to itself
+            futures = [pool.submit(call) for call in calls]
+        yield futures
+    except BaseException:
+        for process in active_children():
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _ctrl_c_held_back() -> Iterator[None]:
+    came: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _frame: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if came:
+            signal.raise_signal(signal.SIGINT)

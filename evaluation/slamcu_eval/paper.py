@@ -6,8 +6,9 @@ Each drive has a world of its own, so that neither signs nor biases are shared a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from slamcu_core.drive import DetectionFrame
 from slamcu_core.filter import FeatureEstimate, FilterParameters, SlamcuFilter
 from slamcu_core.reports import PassReport
-from slamcu_eval.copies import clean_copies
+from slamcu_eval.copies import in_copies
 from slamcu_eval.curves import feature_curves
 from slamcu_eval.highway import Drive, HighwayParameters, World, make_drive, make_world
 from slamcu_eval.machine import machine
@@ -184,13 +185,12 @@ def run_drives(
     """Run drives, `jobs` at a time, and return their outcomes in order; `done` is called after each."""
     if jobs <= 1:
         return list(_one_by_one(drives, seed, particles, parameters, done))
-    outcomes: dict[int, Outcome] = {}
-    with ProcessPoolExecutor(jobs, mp_context=clean_copies()) as pool:
-        waiting = {pool.submit(run_drive, seed, drive, particles, parameters): drive for drive in range(drives)}
-        for future in as_completed(waiting):
-            outcomes[waiting[future]] = future.result()
+    calls = [partial(run_drive, seed, drive, particles, parameters) for drive in range(drives)]
+    with in_copies(jobs, calls) as futures:
+        for future in as_completed(futures):
+            future.result()
             done()
-    return [outcomes[drive] for drive in range(drives)]
+        return [future.result() for future in futures]
 
 
 def _one_by_one(

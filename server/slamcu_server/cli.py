@@ -57,8 +57,6 @@ def main() -> None:
     except SlamcuError as error:
         say(f"slamcu-server: {error}")
         sys.exit(1)
-    except KeyboardInterrupt:
-        sys.exit(130)
 
 
 if __name__ == "__main__":

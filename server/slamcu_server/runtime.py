@@ -38,8 +38,9 @@ async def open_database(
         url = settings.connection_url
         if url is None:
             cluster = EmbeddedCluster(settings.data_dir, bin_dir=settings.postgres_bin_dir)
-            await asyncio.to_thread(cluster.__enter__)
-            stack.push_async_callback(asyncio.to_thread, cluster.__exit__, None, None, None)
+            starting = asyncio.create_task(asyncio.to_thread(cluster.__enter__))
+            stack.push_async_callback(_leave, cluster, starting)
+            await asyncio.shield(starting)
             url = cluster.url
         engine = create_engine(url, application_name=application_name, pool_size=settings.database_pool_size)
         stack.push_async_callback(engine.dispose)
@@ -53,6 +54,12 @@ async def open_database(
                 reason = (str(getattr(error, "orig", error)) or type(error).__name__).splitlines()[0]
                 raise DatabaseUnreachableError(f"the database is not reachable: {reason}") from error
         yield engine
+
+
+async def _leave(cluster: EmbeddedCluster, starting: asyncio.Task[EmbeddedCluster]) -> None:
+    """Leave the cluster, once it has started: a thread that starts it cannot be interrupted."""
+    await asyncio.wait({starting})
+    await asyncio.to_thread(cluster.__exit__, None, None, None)
 
 
 class WorkerSupervisor:

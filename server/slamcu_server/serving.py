@@ -19,6 +19,7 @@ import uvicorn
 import uvloop
 from fastapi import FastAPI
 
+from slamcu_core import program
 from slamcu_core.errors import SlamcuError
 from slamcu_server.aggregation.policy import load_policy
 from slamcu_server.aggregation.worker import run_worker
@@ -71,31 +72,45 @@ def _collect_less() -> None:
 
 
 def run_to_end(main: Coroutine[Any, Any, None]) -> None:
-    """Run what a process does; if a thread is busy long after, end the process without it.
+    """Run what a process does; if a thread is busy long after, also after Ctrl-C, end the process without it.
 
     An event loop that closes waits for its threads, and a resolver may take as long as it likes to look up the name of
     a database that is gone.
     """
-    leaving = threading.Timer(_THREADS_GRACE_S, _leave)
-    leaving.daemon = True
+    left = threading.Event()
+
+    def leave_soon(code: int) -> None:
+        threading.Thread(target=_leave, args=(left, code), daemon=True).start()
 
     async def run() -> None:
-        await main
-        leaving.start()
+        try:
+            await main
+        except asyncio.CancelledError:
+            leave_soon(program.INTERRUPTED)
+            raise
+        leave_soon(0)
 
-    uvloop.run(run())
-    leaving.cancel()
+    try:
+        uvloop.run(run())
+    finally:
+        left.set()
 
 
-def _leave() -> None:
+def _leave(left: threading.Event, code: int) -> None:
+    """End the process, unless it has been left in time."""
+    if left.wait(_THREADS_GRACE_S):
+        return
     logger.warning("a thread is still busy; leaving without it")
     sys.stdout.flush()
     sys.stderr.flush()
-    os._exit(0)
+    os._exit(code)
 
 
 async def serve(settings: Settings, *, ready: Callable[[str], None]) -> None:
-    """Serve the API until SIGTERM or SIGINT, calling `ready` with its URL; raises SlamcuError if it cannot start."""
+    """Serve the API until SIGTERM or SIGINT, calling `ready` with its URL; raises SlamcuError if it cannot start.
+
+    A SIGINT before that is an interruption: CancelledError.
+    """
     async with contextlib.AsyncExitStack() as stack:
         stop = await stack.enter_async_context(_stop_signal())
         listener = stack.enter_context(_listener(settings.host, settings.port))
@@ -105,6 +120,7 @@ async def serve(settings: Settings, *, ready: Callable[[str], None]) -> None:
         try:
             if await _first(serving, server.listening.wait()):
                 _collect_less()
+                _stop_on_ctrl_c(stop)
                 ready(_url(settings.host, listener))
                 await _first(serving, stop.wait())
         finally:
@@ -113,7 +129,10 @@ async def serve(settings: Settings, *, ready: Callable[[str], None]) -> None:
 
 
 async def work(settings: Settings, *, ready: Callable[[], None]) -> None:
-    """Aggregate reports until SIGTERM or SIGINT; raises SlamcuError if it cannot start."""
+    """Aggregate reports until SIGTERM or SIGINT, calling `ready` first; raises SlamcuError if it cannot start.
+
+    A SIGINT before that is an interruption: CancelledError.
+    """
     load_policy(settings.policy_file)  # the worker would only learn when it starts, again and again
     async with contextlib.AsyncExitStack() as stack:
         stop = await stack.enter_async_context(_stop_signal())
@@ -128,9 +147,10 @@ async def work(settings: Settings, *, ready: Callable[[], None]) -> None:
             await stack.enter_async_context(_beside(server, listener, stop))
         _collect_less()
         supervisor.start()
+        stack.push_async_callback(supervisor.stop, _WORKER_GRACE_S)
+        _stop_on_ctrl_c(stop)
         ready()
         await stop.wait()
-        await supervisor.stop(_WORKER_GRACE_S)
 
 
 def _server(app: FastAPI, settings: Settings) -> _Server:
@@ -175,15 +195,19 @@ def write_ready_file(path: Path, url: str) -> None:
 
 @contextlib.asynccontextmanager
 async def _stop_signal() -> AsyncIterator[asyncio.Event]:
-    """Give an event that SIGTERM or SIGINT sets."""
+    """Give an event that SIGTERM sets."""
     loop, stop = asyncio.get_running_loop(), asyncio.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, stop.set)
+    loop.add_signal_handler(signal.SIGTERM, stop.set)
     try:
         yield stop
     finally:
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.remove_signal_handler(number)
+
+
+def _stop_on_ctrl_c(stop: asyncio.Event) -> None:
+    """From now on SIGINT, too, is the order to stop; before, it interrupts the start."""
+    asyncio.get_running_loop().add_signal_handler(signal.SIGINT, stop.set)
 
 
 async def _first(serving: asyncio.Task[None], event: Coroutine[Any, Any, Any]) -> bool:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from slamcu_core.filter import FilterParameters
 from slamcu_eval.ablation.parts import replaced
 from slamcu_eval.ablation.variants import VARIANTS
-from slamcu_eval.copies import clean_copies
+from slamcu_eval.copies import in_copies
 from slamcu_eval.fleet import drive_vehicle
 from slamcu_eval.highway import HighwayParameters
 from slamcu_eval.mrclam.experiment import robot_run
@@ -116,10 +116,8 @@ def run_ablation(
             if VARIANTS[variant].on_robots
         ]
     begin(len(tasks))
-    cells: dict[int, Cell] = {}
-    with ProcessPoolExecutor(min(jobs, len(tasks)) or 1, mp_context=clean_copies()) as pool:
-        waiting = {pool.submit(task.run): number for number, task in enumerate(tasks)}
-        for future in as_completed(waiting):
-            cells[waiting[future]] = future.result()
+    with in_copies(min(jobs, len(tasks)) or 1, [task.run for task in tasks]) as futures:
+        for future in as_completed(futures):
+            future.result()
             done()
-    return [cells[number] for number in range(len(tasks))]
+        return [future.result() for future in futures]

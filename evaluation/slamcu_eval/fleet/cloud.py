@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Self
 
 from slamcu_client import Server
+from slamcu_core import program
 from slamcu_core.aggregation import Policy
 from slamcu_eval.fleet.program import Program, ProgramError
 from slamcu_eval.fleet.provider import CloudError, Provider
@@ -57,6 +58,8 @@ class Cloud(Provider):
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.enter_context(signals_as_exit())
+            with program.ends_at_once():  # while nothing runs that would be left behind
+                from slamcu_eval.fleet import office  # noqa: F401, PLC0415
             home = tempfile.TemporaryDirectory(prefix="slamcu-", ignore_cleanup_errors=True)
             self._home = Path(stack.enter_context(home))
             self._home.chmod(0o711)  # PostgreSQL does not run as root, and must be able to get to its directory

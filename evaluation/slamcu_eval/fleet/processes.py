@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import multiprocessing as mp
 import os
 import queue
 import signal
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, wait
 from functools import partial
 from multiprocessing.queues import Queue
 
 from slamcu_core.errors import SlamcuError
-from slamcu_eval.copies import clean_copies
+from slamcu_eval.copies import clean_copies, in_copies
 from slamcu_eval.fleet.vehicle import VehicleJob, VehicleOutcome, drive_vehicle
 
 Tell = Callable[[int, float], None]
@@ -37,26 +36,20 @@ def drive_fleet(
 
     Raises VehicleError if one could not drive or report; the others are stopped then, as they are on Ctrl-C.
     """
-    context = clean_copies()
-    shares: Queue[tuple[int, float]] = context.Queue()
+    shares: Queue[tuple[int, float]] = clean_copies().Queue()
     count = min(processes or os.cpu_count() or 1, len(jobs))
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(shares,))
     try:
-        futures = [pool.submit(_drive, index, job) for index, job in enumerate(jobs)]
-        waiting = set(futures)
-        while waiting:
-            done, waiting = wait(waiting, timeout=_POLL_S, return_when=FIRST_COMPLETED)
+        calls = [partial(_drive, index, job) for index, job in enumerate(jobs)]
+        with in_copies(count, calls, _begin, (shares,)) as futures:
+            waiting = set(futures)
+            while waiting:
+                done, waiting = wait(waiting, timeout=_POLL_S, return_when=FIRST_COMPLETED)
+                _pass_on(shares, tell)
+                for future in done:
+                    future.result()
             _pass_on(shares, tell)
-            for future in done:
-                future.result()
-        _pass_on(shares, tell)
-        return [future.result() for future in futures]
-    except BaseException:
-        for process in mp.active_children():
-            process.terminate()
-        raise
+            return [future.result() for future in futures]
     finally:
-        pool.shutdown(cancel_futures=True)
         shares.close()
 
 
@@ -69,9 +62,8 @@ def _pass_on(shares: Queue[tuple[int, float]], tell: Tell) -> None:
 
 
 def _begin(shares: Queue[tuple[int, float]]) -> None:
-    """Prepare a vehicle's process: Ctrl-C is the parent's to act on."""
+    """Prepare a vehicle's process."""
     global _progress  # noqa: PLW0603  (a pool hands its processes state in no other way)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     _progress = shares
 

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from slamcu_core import program
 from slamcu_core.errors import SlamcuError
 from slamcu_server.commands.common import DataDir, in_transaction, say
 from slamcu_server.runtime import open_database
@@ -31,7 +32,8 @@ def rebuild(
 
     Fails with --check if what is believed is not what was reported.
     """
-    from slamcu_server.aggregation import policy, rebuild  # noqa: PLC0415  (the other commands start faster)
+    with program.ends_at_once():
+        from slamcu_server.aggregation import policy, rebuild  # noqa: PLC0415  (the other commands start faster)
 
     settings = Settings.load(data_dir=data_dir)
     rules = policy.load_policy(settings.policy_file)
@@ -54,9 +56,10 @@ def recompute_trust(data_dir: DataDir = None) -> None:
     Workers do the same every SLAMCU_TRUST_INTERVAL_S. Prints a line for each contributor whose standing has changed:
     account id, tab, share of the policy's trust, tab, right and wrong verdicts.
     """
-    from slamcu_server.aggregation import policy  # noqa: PLC0415  (the other commands start faster)
-    from slamcu_server.retraction import corrections  # noqa: PLC0415
-    from slamcu_server.trust import job  # noqa: PLC0415
+    with program.ends_at_once():
+        from slamcu_server.aggregation import policy  # noqa: PLC0415  (the other commands start faster)
+        from slamcu_server.retraction import corrections  # noqa: PLC0415
+        from slamcu_server.trust import job  # noqa: PLC0415
 
     settings = Settings.load(data_dir=data_dir)
     rules = policy.load_policy(settings.policy_file)
@@ -92,8 +95,9 @@ def check(
 
     Fails if the feed has a gap, a belief is not the fold of its passes, or messages could not be used.
     """
-    from slamcu_server.aggregation import policy  # noqa: PLC0415  (the other commands start faster)
-    from slamcu_server.integrity import service as integrity  # noqa: PLC0415
+    with program.ends_at_once():
+        from slamcu_server.aggregation import policy  # noqa: PLC0415  (the other commands start faster)
+        from slamcu_server.integrity import service as integrity  # noqa: PLC0415
 
     settings = Settings.load(data_dir=data_dir)
     rules = policy.load_policy(settings.policy_file)
@@ -120,7 +124,8 @@ def retry(
 
     Prints a line for each: kind of work, key, attempts, the last of them, and why it failed, with tabs between.
     """
-    from slamcu_server.aggregation import aside, log  # noqa: PLC0415  (the other commands start faster)
+    with program.ends_at_once():
+        from slamcu_server.aggregation import aside, log  # noqa: PLC0415  (the other commands start faster)
 
     async def run(connection: AsyncConnection) -> tuple[list[aside.PutAside], int]:
         found = await aside.list_all(connection)

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from slamcu_core import program
 from slamcu_core.hd_map import MapIdentity
 from slamcu_server.commands.common import DataDir, in_transaction, say
 from slamcu_server.maps.map_file import MapFormat
@@ -48,8 +49,9 @@ def import_map(
     vehicles reported about it as long as it is the same thing at the same place; one that is missing is no longer part
     of the map. Open changes that the new version shows are absorbed.
     """
-    from slamcu_server.aggregation.policy import load_policy  # noqa: PLC0415  (the other commands start faster)
-    from slamcu_server.changes import rebase  # noqa: PLC0415
+    with program.ends_at_once():
+        from slamcu_server.aggregation.policy import load_policy  # noqa: PLC0415  (the other commands start faster)
+        from slamcu_server.changes import rebase  # noqa: PLC0415
 
     survey = rebase.Survey.parse(surveyed_at, surveyed_bbox)
     identity = MapIdentity(source, version)

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from slamcu_core import program
 from slamcu_server.commands.common import DataDir, say
 from slamcu_server.database import migrate as migrations
 from slamcu_server.runtime import open_database
@@ -34,7 +35,8 @@ def serve(
     ready_file: Annotated[Path | None, typer.Option(help="Write the URL to this file once it answers.")] = None,
 ) -> None:
     """Serve the API, until SIGTERM or Ctrl-C."""
-    from slamcu_server import serving  # noqa: PLC0415  (the other commands start faster without it)
+    with program.ends_at_once():
+        from slamcu_server import serving  # noqa: PLC0415  (the other commands start faster without it)
 
     settings = Settings.load(host=host, port=port, embedded_worker=worker, data_dir=data_dir)
     serving.configure_logging(settings.log_level)
@@ -50,7 +52,8 @@ def serve(
 
 def worker(data_dir: DataDir = None) -> None:
     """Aggregate reports in a process of its own, until SIGTERM or Ctrl-C; several may run side by side."""
-    from slamcu_server import serving  # noqa: PLC0415
+    with program.ends_at_once():
+        from slamcu_server import serving  # noqa: PLC0415
 
     settings = Settings.load(data_dir=data_dir)
     serving.configure_logging(settings.log_level)

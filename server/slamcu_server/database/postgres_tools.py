@@ -94,6 +94,7 @@ class PostgresTools:
             stderr=subprocess.STDOUT,
             text=True,
             timeout=timeout,
+            start_new_session=True,  # Ctrl-C in a terminal is for us, and not for what we start
             **identity,  # type: ignore[call-overload]  # mypy cannot match **kwargs to the overloads
         )
         return result

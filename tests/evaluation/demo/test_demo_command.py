@@ -45,7 +45,7 @@ def test_the_demo_fuses_a_fleet_draws_the_road_and_accepts_a_change(
 @pytest.mark.slow
 @pytest.mark.usefixtures("ctrl_c")
 def test_a_kept_demo_goes_on_serving_what_it_printed_until_ctrl_c(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", "from slamcu_eval.cli import main; main()", "demo"]
+    command = [sys.executable, "-m", "slamcu_eval", "demo"]
     options = ["--vehicles", "3", "--seed", "3", "--length-km", "2", "--out", str(tmp_path)]
     process = subprocess.Popen(
         [*command, *options],
