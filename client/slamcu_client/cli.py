@@ -146,7 +146,7 @@ def _parser() -> argparse.ArgumentParser:
         "--outbox",
         type=Path,
         metavar="FILE",
-        help="where reports wait (default with --server: beside the log, and removed when all are delivered)",
+        help="where reports wait, and what remembers what has been reported (default with --server: beside the log)",
     )
     _add_wait(drive)
     drive.add_argument("--seed", type=_count, default=0, metavar="N", help="of the filter's random numbers (default 0)")

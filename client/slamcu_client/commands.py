@@ -19,7 +19,7 @@ from slamcu_client.results import result_features
 from slamcu_client.server import Server
 from slamcu_client.session import VehicleSession
 from slamcu_client.summary import summary_lines
-from slamcu_client.uploader import Uploader, UploadResult
+from slamcu_client.uploader import Uploader, UploadPolicy, UploadResult
 from slamcu_core.drive import DriveHeader
 from slamcu_core.errors import SlamcuError
 from slamcu_core.filter import FilterParameters
@@ -76,7 +76,8 @@ def drive(order: DriveOrder, address: ServerAddress | None) -> int:
         reported_before = outbox.session(header.session_id).closed
         if reported_before:
             console.say("this drive has been reported before: nothing of it is reported again")
-        uploader = Uploader(outbox, server) if server else None
+        # a drive that another outbox has reported is known by its first messages, before more of it counts twice
+        uploader = Uploader(outbox, server, UploadPolicy(feel_ahead=True)) if server else None
         try:
             with uploader.in_background() if uploader else nullcontext():
                 _drive_log(order, hd_map, parameters, None if reported_before else outbox)
@@ -85,9 +86,6 @@ def drive(order: DriveOrder, address: ServerAddress | None) -> int:
             waiting = outbox.stats().pending
             if waiting:
                 console.say(f"{waiting} messages wait in {outbox_path}: slamcu-vehicle upload sends them")
-    if code == DONE and server is not None and order.outbox is None:
-        # a drive that is run again makes the same messages, which the server knows: no need to keep the counter
-        outbox_path.unlink(missing_ok=True)
     return code
 
 
@@ -194,7 +192,14 @@ def _deliver(uploader: Uploader, outbox: Outbox, wait_s: float) -> int:
         console.say(f"the newest attempt failed: {uploader.health.last_failure}")
         if uploader.health.strangers:
             console.say("a hotspot or a proxy stands in the way, or this is not the server's address")
-    for message in outbox.rejected(limit=min(result.rejected, 5)) if result.rejected else ():
+    for session in sorted(uploader.contradicted):
+        console.say(
+            f"{session}: the server has other reports of this session, and gets nothing more of it: either the drive "
+            "was reported before, against the map as it was then, or another drive has the same session_id"
+        )
+    refused = outbox.rejected(limit=200) if result.rejected else []
+    told = [one for one in refused[: result.rejected] if one.key.session_id not in uploader.contradicted]
+    for message in told[:5]:
         console.say(
             f"rejected: message {message.key.message_id} of {message.key.session_id}: {message.reason} {message.detail}"
         )

@@ -23,6 +23,7 @@ from slamcu_client.upload_health import UploadHealth
 from slamcu_core.sensoris import join_batch
 
 _PATH = "/v1/data-messages"
+CONFLICT = "conflicting-bytes"  # what the server calls a message whose ids it has seen with other bytes
 # what a server that trips over one message says, or a proxy that dislikes one, or their number
 _OVER_CONTENT = frozenset({400, 403, 413, 422, 500})
 _DISK_RETRY_S = 1.0  # as the reporter has it
@@ -36,6 +37,7 @@ class UploadPolicy:
 
     max_messages: int = 100  # per request
     max_bytes: int = 512 * 1024  # per request, before compression
+    feel_ahead: bool = False  # one message a request until the server has taken one that it did not know
     idle_s: float = 2.0  # how often an empty outbox is looked at
     leave_s: float = 2.0  # how long the end of `in_background` waits for an exchange under way
     failures_before_put_off: int = 3  # answers over one message before others go first
@@ -57,7 +59,8 @@ class Uploader:
 
     Nothing is lost: a message leaves the outbox only when the server has named it accepted, duplicate or rejected.
     Nothing is doubled: a message that may have arrived is sent again as the same bytes under the same ids, and the
-    server knows it. A message that the server rejects does not hold up the others.
+    server knows it. A message that the server rejects does not hold up the others, unless it has the ids of another:
+    then somebody else has reported that session, and what else waits of it is rejected too, without being sent.
 
     ::
 
@@ -84,7 +87,9 @@ class Uploader:
     ) -> None:
         self._outbox, self._server, self._policy = outbox, server, policy
         self._rng = np.random.default_rng() if rng is None else rng
-        self._batch_limit = policy.max_messages
+        self._feeling = policy.feel_ahead
+        self._batch_limit = 1 if policy.feel_ahead else policy.max_messages
+        self._contradicted: set[str] = set()  # sessions of which the server knows other messages under the same ids
         self._failures = 0  # in a row
         self._server_errors = 0  # in a row over one and the same message
         self._accepted = self._duplicates = self._rejected = 0
@@ -97,6 +102,11 @@ class Uploader:
     def result(self) -> UploadResult:
         """What this uploader has achieved since it was made."""
         return UploadResult(self._accepted, self._duplicates, self._rejected, self._outbox.stats().pending)
+
+    @property
+    def contradicted(self) -> frozenset[str]:
+        """Sessions of which the server has other messages under the same ids: nothing more of them is sent."""
+        return frozenset(self._contradicted)
 
     @property
     def health(self) -> UploadHealth:
@@ -195,6 +205,11 @@ class Uploader:
         batch = self._outbox.pending(self._batch_limit, self._policy.max_bytes)
         if not batch:
             return None
+        if astray := [message.key for message in batch if message.key.session_id in self._contradicted]:
+            detail = "an earlier message of its session has the ids of another"
+            self._outbox.settle((), [(key, CONFLICT, detail) for key in astray])
+            self._rejected += len(astray)
+            return 0.0
         try:
             self._outbox.attempt(message.key for message in batch)
         except OutboxError as error:
@@ -230,12 +245,16 @@ class Uploader:
         for index, reason, detail in receipt.rejected:
             key = batch[index].key
             _log.warning("the server rejected message %d of %s: %s %s", key.message_id, key.session_id, reason, detail)
+            if reason == CONFLICT:
+                self._contradicted.add(key.session_id)
         self._accepted += receipt.accepted
         self._duplicates += receipt.duplicates
         self._rejected += len(receipt.rejected)
         self._failures = self._server_errors = 0
-        # grow slowly: twice the size would run into the same 413 again and again
-        self._batch_limit = min(self._batch_limit + self._batch_limit // 8 + 1, self._policy.max_messages)
+        self._feeling = self._feeling and not receipt.accepted
+        if not self._feeling:
+            # grow slowly: twice the size would run into the same 413 again and again
+            self._batch_limit = min(self._batch_limit + self._batch_limit // 8 + 1, self._policy.max_messages)
         self._record()
 
     def _record(self) -> None:

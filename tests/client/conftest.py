@@ -116,7 +116,7 @@ class FakeServer(ThreadingHTTPServer):
             elif self.stored[key] == body:
                 duplicates += 1
             else:
-                rejected.append({"index": index, "reason": "ids-reused", "detail": "the same ids, other bytes"})
+                rejected.append({"index": index, "reason": "conflicting-bytes", "detail": "the same ids, other bytes"})
         self.duplicates += duplicates
         receipt = {"accepted": accepted, "duplicates": duplicates, "rejected": rejected}
         if rejected and not accepted and not duplicates:

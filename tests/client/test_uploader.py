@@ -347,7 +347,7 @@ def test_the_same_ids_with_other_bytes_are_rejected_by_name(fake, outbox, upload
     fake.stored["s", 1] = b"what another run has sent"
     fill(outbox, 2)
     assert uploader.flush(30.0).accepted == 1
-    assert [r.reason for r in outbox.rejected()] == ["ids-reused"]
+    assert [r.reason for r in outbox.rejected()] == ["conflicting-bytes"]
 
 
 def test_in_the_background_messages_leave_while_others_come(fake, outbox, uploader) -> None:
