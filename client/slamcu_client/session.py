@@ -169,7 +169,7 @@ class VehicleSession:
         if passes:
             self._passes += len(passes)
             if self._reporter is not None:
-                self._reporter.add(passes, self._filter.health, t, self._instant(t))
+                self._reporter.add(passes, self._filter.health_of_passes, t, self._instant(t))
 
     def close(self, timeout_s: float = _CLOSE_TIMEOUT_S) -> None:
         """End the passes that are open and wait until all reports are on disk; more calls do nothing.
@@ -183,7 +183,7 @@ class VehicleSession:
         self._passes += len(passes)
         if self._reporter is not None:
             instant = self._instant(self._t or 0.0)
-            self._reporter.finish(passes, self._filter.health, instant, timeout_s)
+            self._reporter.finish(passes, self._filter.health_of_passes, instant, timeout_s)
 
     def abandon(self, timeout_s: float = _CLOSE_TIMEOUT_S) -> None:
         """Stop as a crash would: open passes are not reported, and the session may be taken up again.

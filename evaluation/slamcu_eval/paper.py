@@ -139,7 +139,7 @@ def run_filter(run: Run, parameters: FilterParameters) -> Outcome:
         begin = perf_counter()
         ended = car.feed(record)
         step += perf_counter() - begin
-        reports += [(report, car.health.trusted) for report in ended]
+        reports += [(report, car.health_of_passes.trusted) for report in ended]
         if isinstance(record, DetectionFrame):
             # A step is a camera frame with all that came since the last one: odometry, GNSS, objects.
             steps.append(1e3 * step)
@@ -150,7 +150,7 @@ def run_filter(run: Run, parameters: FilterParameters) -> Outcome:
                 true = [float(np.interp(record.t, log.reference.t, truth[:, axis])) for axis in (0, 1)]
                 pose_times.append(record.t)
                 pose_errors.append(float(np.hypot(east - true[0], north - true[1])))
-    reports += [(report, car.health.trusted) for report in car.finish()]
+    reports += [(report, car.health_of_passes.trusted) for report in car.finish()]
     facts = facts_of(world, log)
     estimates = [estimate for estimate in car.features() if estimate.feature is None or not estimate.feature.watched]
     claims = claims_of(world, estimates)

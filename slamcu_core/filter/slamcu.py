@@ -155,6 +155,7 @@ class SlamcuFilter:
         )
         self._riders = Riders()
         self._last_frame = 0.0  # s, of any sensor
+        self._before_silence: Health | None = None  # under which the last record ended passes, if it broke a silence
         self._lost: str | None = None  # why no record is taken any more
 
     # --- what comes in ---------------------------------------------------------------------------------------------
@@ -171,6 +172,7 @@ class SlamcuFilter:
         if self._lost is not None:
             raise FilterLostError(self._lost)
         admitted = self._intake.admit(record, self.time)
+        self._before_silence = None
         try:
             return [report for one in admitted for report in self._take(one)]
         except (ArithmeticError, ValueError) as error:  # a matrix that is not positive definite is a ValueError
@@ -199,11 +201,14 @@ class SlamcuFilter:
         self._reckoning.advance(self._reckoning.holds_until)
         self._reckoning.silent = True
         ended = self._closing.all()
+        if ended:
+            self._before_silence = self.health
         self._whereabouts.lose_track()
         return ended
 
     def finish(self) -> list[PassReport]:
         """End the drive: close every open pass and return its report; a filter that is lost has none."""
+        self._before_silence = None
         if self._lost is not None:
             return []
         self._reckoning.advance(self.time)
@@ -278,6 +283,14 @@ class SlamcuFilter:
         effective = self._particles.effective / len(self._particles)
         broken = self._lost is not None or not np.isfinite(self._particles.state).all()
         return self._monitor.state(effective, Doubt.NUMBERS if broken else self._whereabouts.doubt)
+
+    @property
+    def health_of_passes(self) -> Health:
+        """How far the filter trusted itself when the passes ended that the last record or `finish` has returned.
+
+        It differs from `health` after a silence of all records: they ended before it, on a pose that was known.
+        """
+        return self._before_silence or self.health
 
     @property
     def fixes(self) -> FixWatch:

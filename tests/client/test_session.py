@@ -5,6 +5,7 @@ import sqlite3
 import subprocess
 import sys
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -237,6 +238,24 @@ def test_one_wild_time_changes_no_message(drive, tmp_path: Path, undisturbed: li
                 session.feed(record)
             assert session.records_dropped == 1
         assert [message.body for message in outbox.pending(10_000)] == undisturbed
+
+
+def test_what_was_seen_before_a_long_silence_is_reported_without_the_doubt_that_follows_it(
+    drive, tmp_path: Path, undisturbed: list[bytes]
+) -> None:
+    middle = len(drive.records) // 2
+    later = [replace(record, t=record.t + 300.0) for record in drive.records[middle:]]
+    with Outbox(tmp_path / "o") as outbox:
+        with session_on(drive, outbox) as session:
+            for record in [*drive.records[:middle], *later[:2]]:
+                session.feed(record)
+            assert not session.health.trusted
+        told = messages_in(outbox)
+    before = drive.header.start_time + timedelta(seconds=drive.records[middle].t)
+    seen = [report for message in told for report in message.passes]
+    assert seen
+    assert all(report.ended_at <= before for report in seen)
+    assert {message.health.trusted for message in told if message.passes} == {True}
 
 
 def test_a_clock_that_is_set_back_is_told_from_other_errors_and_a_session_can_follow(drive, tmp_path: Path) -> None:

@@ -290,3 +290,21 @@ def test_passes_that_a_gap_ends_are_told_as_what_was_known_before_it() -> None:
     assert car.filter.health.trusted
     positions = [report.position for report in car.reports[told:] if report.position]
     assert all(position.covariance_m2[0] < 9.0 for position in positions)
+
+
+@pytest.mark.parametrize("silence", [30.0, 600.0])
+def test_passes_that_a_silence_of_all_records_ends_go_with_the_health_of_before_it(silence: float) -> None:
+    car = Car(road())
+    car.drive(12.0)
+    begin, told = car.t, len(car.reports)
+    assert car.filter.health_of_passes == car.filter.health
+    car.t = round(car.t + silence, 6)  # the car stands, and nothing is heard of it
+    car._feed(Odometry(car.t, 0.0, 0.0))
+    car._feed(Odometry(car.t + 0.1, 0.0, 0.0))
+    ended = car.reports[told:]
+    assert ended
+    assert max(seconds_into_the_drive(report)[1] for report in ended) <= begin
+    assert car.filter.health.doubt is Doubt.ODOMETRY
+    assert car.filter.health_of_passes.trusted
+    car._feed(Odometry(car.t + 0.2, 0.0, 0.0))
+    assert not car.filter.health_of_passes.trusted
