@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
 import json
 import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -208,3 +210,48 @@ def test_a_lanelet2_map_is_imported_by_name_or_by_option(command: Command, tmp_p
     half = command("import-map", str(other), "--source", "town", "--version", "2", "--format", "lanelet2")
     assert (half.returncode, half.stderr.count("\n")) == (1, 1)
     assert "town.xml, line 1: expected OSM XML" in half.stderr
+
+
+def test_a_gzipped_map_is_imported_whatever_its_name(command: Command, tmp_path: Path) -> None:
+    plain = "".join(write_hd_map(MapIdentity("town", "1"), [ONE, TWO])).encode()
+    half = len(plain) // 2
+    members = gzip.compress(plain[:half]) + gzip.compress(plain[half:])  # as of files that were joined
+    nodes = '<node id="1" lat="48.9" lon="2.1"/><node id="2" lat="48.9" lon="2.1001"/>'
+    osm = gzip.compress(f"<osm>{nodes}{SIGN_WAY.format(44, 'de205')}</osm>".encode())
+    for name, content, options in (
+        ("town.geojson.gz", members, ()),
+        ("misnamed.geojson", members, ("--source", "village")),
+        ("hamlet.OSM.gz", osm, ("--source", "hamlet", "--version", "1")),
+    ):
+        (tmp_path / name).write_bytes(content)
+        done = command("import-map", str(tmp_path / name), *options)
+        assert done.returncode == 0, done.stderr
+    again = tmp_path / "town.geojson"
+    again.write_bytes(plain)
+    assert "is here already, with the same 2 features" in command("import-map", str(again)).stderr
+
+
+def test_a_gzipped_map_is_read_from_a_pipe(server_environment: dict[str, str]) -> None:
+    packed = gzip.compress("".join(write_hd_map(MapIdentity("town", "1"), [ONE, TWO])).encode())
+    done = subprocess.run(
+        [sys.executable, "-m", "slamcu_server", "import-map", "/dev/stdin"],
+        input=packed,
+        env=server_environment,
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("broken", ["cut short", "a changed byte", "nothing but its first bytes", "something after it"])
+async def test_a_broken_packing_is_named_and_nothing_is_imported(importer: Importer, broken: str) -> None:
+    packed = gzip.compress("".join(write_hd_map(MapIdentity("town", "1"), [ONE, TWO])).encode())
+    content = {
+        "cut short": packed[:-12],
+        "a changed byte": packed[:-6] + bytes([packed[-6] ^ 1]) + packed[-5:],
+        "nothing but its first bytes": packed[:2],
+        "something after it": packed + b"x",
+    }[broken]
+    with pytest.raises(FormatError, match=r"map\.geojson: the gzip packing is broken: "):
+        await importer.put_text(content)
+    assert await importer.rows("SELECT id FROM maps") == []

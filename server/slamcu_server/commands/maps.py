@@ -22,7 +22,9 @@ def register(app: typer.Typer) -> None:
 
 def import_map(
     *,
-    path: Annotated[Path, typer.Argument(metavar="FILE", help="An HD map: GeoJSON, or Lanelet2 (.osm).")],
+    path: Annotated[
+        Path, typer.Argument(metavar="FILE", help="An HD map: GeoJSON, or Lanelet2 (.osm); gzipped or not.")
+    ],
     source: Annotated[str, typer.Option(help="The map's name, where the file does not say or says another.")] = "",
     version: Annotated[str, typer.Option(help="Its version, likewise.")] = "",
     map_format: Annotated[

@@ -15,7 +15,7 @@ from slamcu_core.errors import FormatError, SlamcuError
 from slamcu_core.formats import Lanelet2Reader
 from slamcu_core.hd_map import MapFeature, MapIdentity
 from slamcu_server.aggregation.cells import map_key
-from slamcu_server.maps.map_file import MapFormat
+from slamcu_server.maps.map_file import MapFormat, opened
 
 _OBJECT_ID_MAX = 2**63 - 2  # leaves a next one
 _TEXT_MAX = 200
@@ -65,7 +65,7 @@ async def import_map(
     identity: MapIdentity | None = None,
     map_format: MapFormat | None = None,
 ) -> ImportedMap:
-    """Import the file at `path` within the transaction of `connection`.
+    """Import the file at `path`, plain or gzipped, within the transaction of `connection`.
 
     Object ids that the map had before stand for the same features; ids that are missing are no longer part of the
     map.
@@ -104,8 +104,8 @@ async def _stage(
     raw = await connection.get_raw_connection()
     assert raw.driver_connection is not None  # noqa: S101  (it is checked out)
     try:
-        with path.open("rb") as file:
-            reader = map_format.reader(iter(lambda: file.read(65_536), b""), str(path))
+        with opened(path) as pieces:
+            reader = map_format.reader(pieces, str(path))
             status = await raw.driver_connection.copy_records_to_table(
                 "staged_features", records=_records(reader, str(path)), columns=_COLUMNS
             )
