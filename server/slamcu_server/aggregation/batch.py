@@ -36,7 +36,7 @@ from slamcu_server.aggregation.refold import Places, Touched, cells_of, refold
 from slamcu_server.aggregation.resolve import Resolved, passes_of, resolve, within_budget
 from slamcu_server.aggregation.store import new_ids, store_passes
 from slamcu_server.changes import feed
-from slamcu_server.database.statements import plan_once
+from slamcu_server.database import direct
 from slamcu_server.retraction import anchors, marks
 from slamcu_server.trust.table import trusting
 
@@ -70,9 +70,8 @@ async def process_batch(engine: AsyncEngine, policy: Policy, *, limit: int, ids:
     while True:
         claimed: list[ClaimedMessage] = []
         try:
-            async with engine.begin() as connection:
+            async with direct.begin(engine) as connection:
                 retractions = await marks.hold(connection)
-                await plan_once(connection)
                 if awaited:
                     await lock_cells(connection, awaited)
                 most = limit if ids is not None else await log.share(connection, limit)

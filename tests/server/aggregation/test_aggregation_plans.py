@@ -56,10 +56,13 @@ async def test_a_batch_scans_no_large_table(town: Any, reports: Any) -> None:
     await town.fuse()
     watched = (await town.rows("SELECT max(id) FROM candidates"))[0][0]
     asked: list[tuple[str, Any]] = []
+    await town.engine.dispose()  # for connections that tell
     event.listen(
         town.engine.sync_engine,
-        "before_cursor_execute",
-        lambda _connection, _cursor, statement, parameters, *_: asked.append((statement, parameters)),
+        "connect",
+        lambda connection, _: connection.driver_connection.add_query_logger(
+            lambda told: asked.append((told.query, told.args or ()))
+        ),
     )
     for car in ("c", "d"):
         await town.report(
