@@ -44,8 +44,11 @@ Indices = NDArray[np.intp]
 
 _PATIENCE = 0.25
 """How often a batch waits for the cells of its oldest message if another one holds them: no message is put off for
-ever, and most batches wait for nothing. One that took all there was has time to wait, always: or its oldest would find
-another one in its way time after time, while those that came later are seen."""
+ever, and most batches wait for nothing."""
+
+_LITTLE = 64
+"""Messages: who took all there was, and not more than these, has time to wait, always: or its oldest would find another
+one in its way time after time, while those that came later are seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +81,7 @@ async def process_batch(engine: AsyncEngine, policy: Policy, *, limit: int, ids:
                 claimed += await log.claim(connection, most, ids, beside_others=bool(awaited))
                 if not claimed:
                     return Fused()
-                patience = _PATIENCE if len(claimed) == most else 1.0
+                patience = 1.0 if len(claimed) < most and len(claimed) <= _LITTLE else _PATIENCE
                 return await _fuse(connection, claimed, policy, awaited, patience=patience, retractions=retractions)
         except BeyondLockedCells as beyond:
             # Another try, which waits for these before it holds any cell or message.

@@ -96,6 +96,18 @@ async def test_who_has_little_to_do_waits_for_the_oldest(
     assert await fused_after_waiting_for(street, 1) == 2
 
 
+async def test_who_took_all_there_was_goes_on_with_what_is_free_if_it_was_much(
+    street: Any, reports: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(batch, "_PATIENCE", 0.0)
+    monkeypatch.setattr(batch, "_LITTLE", 1)
+    for sign in (1, 2):
+        await street.report(f"car-{sign}", reports.seen(sign, hours=1))
+    async with street.engine.begin() as other:
+        await lock_cells(other, await cells_at(street, 1))
+        assert (await asyncio.wait_for(batch.process_batch(street.engine, street.policy, limit=10), 20)).fused == 1
+
+
 async def test_where_all_is_held_a_batch_waits(street: Any, reports: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch, "_PATIENCE", 0.0)
     await street.report("car", reports.seen(1, hours=1))
