@@ -62,6 +62,45 @@ async def test_a_difference_would_be_found(engine: AsyncEngine) -> None:
         assert len(await connection.run_sync(_differences)) == 2
 
 
+_BEGIN_LIKE_ANOTHER = """
+    SELECT shorter.indexrelid::regclass::text FROM pg_index shorter JOIN pg_index longer USING (indrelid)
+    WHERE shorter.indexrelid <> longer.indexrelid AND NOT shorter.indisunique
+    AND shorter.indpred IS NULL AND longer.indpred IS NULL AND shorter.indexprs IS NULL
+    AND (longer.indkey::text || ' ') LIKE (shorter.indkey::text || ' %')
+    AND (longer.indclass::text || ' ') LIKE (shorter.indclass::text || ' %')
+    AND shorter.indrelid IN (SELECT oid FROM pg_class WHERE relname = ANY(:names))
+"""
+
+
+async def test_no_index_is_the_beginning_of_another(engine: AsyncEngine) -> None:
+    async with engine.connect() as connection:
+        result = await connection.execute(text(_BEGIN_LIKE_ANOTHER), {"names": list(metadata.tables)})
+        assert result.scalars().all() == []
+
+
+async def test_the_history_of_a_change_is_found_by_its_revisions(engine: AsyncEngine) -> None:
+    async with engine.begin() as connection:
+        map_id = await connection.scalar(
+            text("INSERT INTO maps (source, current_sequence, next_object_id) VALUES ('m', 1, 1) RETURNING id")
+        )
+        place = "ST_SetSRID(ST_MakePoint(2, 48), 4326)"
+        for statement in (
+            f"""INSERT INTO changes (map_id, kind, state, revision, document, geom, salt)
+            SELECT {map_id}, 'new', 'candidate', 4, '{{}}', {place}, '' FROM generate_series(1, 2000)""",
+            f"""INSERT INTO change_entries (sequence, change_id, map_id, revision, kind, state, document, geom)
+            SELECT row_number() OVER (), id, map_id, r, kind, state, document, {place}
+            FROM changes CROSS JOIN generate_series(1, 4) r""",
+            "ANALYZE change_entries",
+        ):
+            await connection.execute(text(statement))
+        for statement in (
+            "SELECT sequence, state, revision, created_at FROM change_entries WHERE change_id = 1 ORDER BY sequence",
+            "DELETE FROM ONLY change_entries WHERE change_id = 1",  # as a change that goes takes them along
+        ):
+            plan = "\n".join((await connection.execute(text(f"EXPLAIN {statement}"))).scalars())
+            assert "uq_change_entries_change_id_revision" in plan, plan
+
+
 async def test_down_and_up_again(engine: AsyncEngine) -> None:
     await migrate.downgrade(engine, "base")
     async with engine.connect() as connection:

@@ -56,7 +56,7 @@ change_entries = Table(
     "change_entries",
     metadata,
     Column("sequence", BigInteger, primary_key=True, autoincrement=False),  # gap-free, in order of commit
-    Column("change_id", BigInteger, ForeignKey("changes.id", ondelete="CASCADE"), nullable=False, index=True),
+    Column("change_id", BigInteger, ForeignKey("changes.id", ondelete="CASCADE"), nullable=False),
     Column("map_id", BigInteger, ForeignKey("maps.id", ondelete="CASCADE"), nullable=False),
     Column("revision", Integer, nullable=False),
     Column("kind", Text, nullable=False),
