@@ -7,16 +7,14 @@ import sqlite3
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
 
 from slamcu_client.errors import OutboxError, SessionClosedError
 from slamcu_client.outbox_database import OutboxDatabase
-
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_MICROSECOND = timedelta(microseconds=1)
+from slamcu_core.sensoris.times import from_microseconds, to_microseconds
 
 Encode = Callable[[int], bytes]
 """Turns a message id into the bytes of the message that carries it."""
@@ -127,7 +125,7 @@ class Outbox:
             ).fetchone()
         if row is None:
             return SessionState()
-        until = None if row[1] is None else _EPOCH + row[1] * _MICROSECOND
+        until = None if row[1] is None else from_microseconds(row[1])
         return SessionState(row[0], until, bool(row[2]))
 
     def put(
@@ -160,7 +158,7 @@ class Outbox:
             bodies = [encode(message_id) for encode, message_id in zip(encoders, ids, strict=True)]
             if any(len(body) > self._max_bytes for body in bodies):
                 raise OutboxError(f"{self.path}: a message is larger than the whole outbox ({self._max_bytes} bytes)")
-            until = None if reported_until is None else (reported_until - _EPOCH) // _MICROSECOND
+            until = None if reported_until is None else to_microseconds(reported_until)
             db.execute(
                 "INSERT INTO sessions (session_id, last_message_id, reported_until, closed) VALUES (?, ?, ?, ?)"
                 " ON CONFLICT (session_id) DO UPDATE SET last_message_id = excluded.last_message_id,"

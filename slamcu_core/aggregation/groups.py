@@ -46,18 +46,19 @@ def connected_groups(xy: ArrayLike, reach_m: float) -> NDArray[np.intp]:
         for dx, dy in _AHEAD:
             key = x + dx, y + dy
             other = index.get(key)
-            if other is None or _root(parent, one) == _root(parent, other):
+            if other is None or root_of(parent, one) == root_of(parent, other):
                 continue
             if _touch(points[members[x, y]], points[members[key]], reach_m):
-                parent[_root(parent, one)] = _root(parent, other)
+                parent[root_of(parent, one)] = root_of(parent, other)
     label = np.empty(len(points), np.intp)
     numbers: dict[int, int] = {}
     for cell, inside in enumerate(members.values()):  # in order of their first points
-        label[inside] = numbers.setdefault(_root(parent, cell), len(numbers))
+        label[inside] = numbers.setdefault(root_of(parent, cell), len(numbers))
     return label
 
 
-def _root(parent: list[int], node: int) -> int:
+def root_of(parent: list[int], node: int) -> int:
+    """Return the root of a node in a union-find forest, halving the path to it."""
     while parent[node] != node:
         parent[node] = parent[parent[node]]
         node = parent[node]

@@ -4,6 +4,7 @@ from slamcu_core.evidence.dempster import conjunctive, dempster
 from slamcu_core.evidence.masses import Existence, Masses, discount
 from slamcu_core.evidence.weights import (
     LAMBDA_MAX,
+    LN_2,
     clamp_confidence,
     conflict,
     masses_from_weights,
@@ -14,6 +15,7 @@ from slamcu_core.evidence.weights import (
 
 __all__ = [
     "LAMBDA_MAX",
+    "LN_2",
     "Existence",
     "Masses",
     "clamp_confidence",

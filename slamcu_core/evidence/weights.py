@@ -18,6 +18,9 @@ Array = NDArray[np.float64]
 LAMBDA_MAX = 0.99
 """The largest existence confidence that one observation may carry: λ = 1 would be dogma that nothing can unmake."""
 
+LN_2 = float(np.log(2.0))
+"""The weight above which a mass is larger than what is unknown: e > u where exp(f) - 1 > 1."""
+
 
 def clamp_confidence(confidence: ArrayLike) -> Array:
     """Clamp existence confidences λ in [0, 1] to at most LAMBDA_MAX.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.evidence import Masses, conflict, support
+from slamcu_core.evidence import LN_2, Masses, conflict, support
 from slamcu_core.filter.calibration import Calibrations
 from slamcu_core.filter.estimates import FeatureEstimate, PoseEstimate
 from slamcu_core.filter.existence import State
@@ -21,8 +21,6 @@ from slamcu_core.models import advance
 from slamcu_core.reports import MeasuredPosition
 
 Array = NDArray[np.float64]
-
-_LN_2 = float(np.log(2.0))
 
 
 class Beliefs:
@@ -152,7 +150,7 @@ class Beliefs:
     def _found(self, table: FeatureTable, row: int, place: MeasuredPosition) -> FeatureEstimate:
         f, a, passes = _belief(table, row)
         # what was left behind has proven itself, or it would have been forgotten
-        behind = (State.NEW if f > max(a, _LN_2) else State.UNCLASSIFIED).value
+        behind = (State.NEW if f > max(a, LN_2) else State.UNCLASSIFIED).value
         name = self._names.name
         return FeatureEstimate(
             feature=None,
@@ -180,9 +178,9 @@ def _belief(table: FeatureTable, row: int) -> tuple[float, float, int]:
 
 def _map_state(weight_for: float, weight_against: float, *, watched: bool) -> str:
     """Return the class of a feature of the map by its largest mass (section 4.3.3), from its weights."""
-    if weight_for > max(weight_against, _LN_2):
+    if weight_for > max(weight_against, LN_2):
         return (State.NEW if watched else State.NORMAL).value
-    if weight_against > max(weight_for, _LN_2) and not watched:
+    if weight_against > max(weight_for, LN_2) and not watched:
         return State.DELETED.value
     return State.UNCLASSIFIED.value
 

@@ -7,12 +7,11 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from slamcu_core.evidence import LAMBDA_MAX, masses_from_weights
+from slamcu_core.evidence import LAMBDA_MAX, LN_2, masses_from_weights
 from slamcu_core.filter.table import FeatureTable, Kind, Sum
 
 Array = NDArray[np.float64]
 
-_LN_2 = float(np.log(2.0))
 _CERTAIN = 1.0 - 1e-6  # no view is more certain than this
 _LASTING = 0.99  # independent looks after the first, before something is there
 _PERSISTENCE = 0.2  # of the sensor's P_D; one real pass in a thousand falls below (Beta, four looks)
@@ -83,7 +82,7 @@ def masses(table: FeatureTable, rows: NDArray[np.intp]) -> tuple[Array, Array, A
 def exists(table: FeatureTable, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Return whether existence is the largest mass of rows (section 4.3.3): e > n where f > a, e > u where f > ln 2."""
     weight_for = table.prior[rows] + table.weight_for[rows]
-    return np.asarray((weight_for > table.weight_against[rows]) & (weight_for > _LN_2))
+    return np.asarray((weight_for > table.weight_against[rows]) & (weight_for > LN_2))
 
 
 def probability(table: FeatureTable, rows: NDArray[np.intp]) -> Array:

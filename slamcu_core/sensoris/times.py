@@ -7,19 +7,19 @@ from datetime import UTC, datetime, timedelta
 from slamcu_core.errors import WireError
 from slamcu_core.sensoris.proto import base_pb2
 
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
 
 
 def to_microseconds(instant: datetime) -> int:
     """Return the POSIX microseconds of an aware instant, exactly."""
-    return (instant - _EPOCH) // _MICROSECOND
+    return (instant - EPOCH) // _MICROSECOND
 
 
 def from_microseconds(microseconds: int) -> datetime:
     """Return the instant of POSIX microseconds; raises WireError where no calendar goes."""
     try:
-        return _EPOCH + timedelta(microseconds=microseconds)
+        return EPOCH + timedelta(microseconds=microseconds)
     except OverflowError as error:
         raise WireError("bad-time", f"{microseconds} microseconds since 1970 is no instant of any calendar") from error
 

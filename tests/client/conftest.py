@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -198,6 +199,19 @@ class Faults:
     store_and_break_off = staticmethod(store_and_break_off)
     ids_of = staticmethod(ids_of)
     key = KEY
+
+
+@pytest.fixture
+def wait_until() -> Callable[[Callable[[], bool]], None]:
+    """A function that waits until a thread has brought something about, and fails if it takes too long."""
+
+    def wait(condition: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + 20.0
+        while not condition():
+            assert time.monotonic() < deadline, "nothing happened"
+            time.sleep(0.005)
+
+    return wait
 
 
 @pytest.fixture

@@ -58,13 +58,6 @@ def exchanges() -> list[threading.Thread]:
     return [thread for thread in threading.enumerate() if thread.name == "slamcu-exchange"]
 
 
-def wait_until(condition: Callable[[], bool], timeout_s: float = 10.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline, "nothing happened"
-        time.sleep(0.005)
-
-
 def fault_of(transport: HttpxTransport, url: str) -> Fault:
     request = Request("GET", url, {"Authorization": "Bearer secret"})
     with pytest.raises(TransportError) as caught:
@@ -117,7 +110,7 @@ def test_a_server_that_trickles_forever(speaks, over, transport) -> None:
     assert fault_of(transport, speaks(trickle)) is Fault.TIMEOUT
 
 
-def test_headers_that_trickle_forever(speaks, over, transport) -> None:
+def test_headers_that_trickle_forever(speaks, over, transport, wait_until) -> None:
     hung_up = threading.Event()
 
     def trickle(connection: socket.socket) -> None:
@@ -135,7 +128,7 @@ def test_headers_that_trickle_forever(speaks, over, transport) -> None:
     wait_until(lambda: not exchanges())
 
 
-def test_a_name_that_is_looked_up_forever(over, transport, monkeypatch) -> None:
+def test_a_name_that_is_looked_up_forever(over, transport, monkeypatch, wait_until) -> None:
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_args, **_kwargs: over.wait(30.0) and [])
     begun = time.monotonic()
     assert fault_of(transport, "http://slamcu.example/") is Fault.TIMEOUT
@@ -144,7 +137,7 @@ def test_a_name_that_is_looked_up_forever(over, transport, monkeypatch) -> None:
     wait_until(lambda: not exchanges())
 
 
-def test_closing_ends_what_is_under_way(speaks, over) -> None:
+def test_closing_ends_what_is_under_way(speaks, over, wait_until) -> None:
     asked = threading.Event()
 
     def say_nothing(_connection: socket.socket) -> None:

@@ -39,14 +39,6 @@ def fill(outbox: Outbox, count: int, session: str = "s") -> dict[tuple[str, int]
     return {(session, message_id): encode(session)(message_id) for message_id in ids}
 
 
-def wait_until(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:
-    """Wait for a thread; fail if it takes too long."""
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline, "nothing happened"
-        time.sleep(0.005)
-
-
 @pytest.fixture
 def outbox(tmp_path: Path):
     with Outbox(tmp_path / "outbox") as box:
@@ -173,7 +165,9 @@ def test_a_server_that_takes_only_small_batches_gets_them(fake, outbox, uploader
         {"headers": {"Content-Type": "application/problem+json"}, "document": {"title": "\ud800", "detail": [[{}]]}},
     ],
 )
-def test_an_odd_answer_does_not_end_the_upload(fake, faults, outbox, uploader, answer: dict[str, object]) -> None:
+def test_an_odd_answer_does_not_end_the_upload(
+    fake, faults, outbox, uploader, wait_until, *, answer: dict[str, object]
+) -> None:
     sent = fill(outbox, 3)
     fake.faults.append(faults.say(faults.Answer(503, **answer)))
     with uploader.in_background():
@@ -205,7 +199,7 @@ class Broken:
         """Hold nothing."""
 
 
-def test_a_failure_that_nobody_foresaw_is_told_and_tried_again(outbox, caplog) -> None:
+def test_a_failure_that_nobody_foresaw_is_told_and_tried_again(outbox, caplog, wait_until) -> None:
     fill(outbox, 2)
     answers = [ZeroDivisionError("what\nnow"), Response(202, {}, b'{"accepted": 2, "duplicates": 0, "rejected": []}')]
 
@@ -360,7 +354,7 @@ def test_in_the_background_messages_leave_while_others_come(fake, outbox, upload
     assert fake.duplicates == 0
 
 
-def test_the_end_of_the_block_does_not_wait_for_a_slow_exchange(outbox) -> None:
+def test_the_end_of_the_block_does_not_wait_for_a_slow_exchange(outbox, wait_until) -> None:
     fill(outbox, 2)
     asked, go_on = threading.Event(), threading.Event()
 

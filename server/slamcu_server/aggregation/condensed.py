@@ -11,7 +11,7 @@ import json
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from slamcu_core.errors import SlamcuError
 from slamcu_core.reports import DetectionStatus, PassReport, ReportMessage
 from slamcu_core.sensoris import decode_message
-from slamcu_core.sensoris.times import to_microseconds
+from slamcu_core.sensoris.times import EPOCH, to_microseconds
 from slamcu_server.aggregation.log import FORM, ClaimedMessage
 
 RECORD = np.dtype(
@@ -51,7 +51,6 @@ VALID, NAMES, WATCHED, PLACED = 1, 2, 4, 8
 STATUSES = tuple(DetectionStatus)
 
 _HEAD = struct.Struct("<BI")
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _NOWHERE = 0.0, 0.0, 0.0, 0.0, 0.0
 
 Indices = NDArray[np.intp]
@@ -170,7 +169,7 @@ def read(claimed: Sequence[ClaimedMessage]) -> tuple[Reported, dict[int, str]]:
 
 def instants(microseconds: NDArray[np.int64]) -> list[datetime]:
     """Return POSIX microseconds as aware datetimes."""
-    return [_EPOCH + timedelta(microseconds=each) for each in microseconds.tolist()]
+    return [EPOCH + timedelta(microseconds=each) for each in microseconds.tolist()]
 
 
 def _condensed(message: ClaimedMessage) -> bytes:

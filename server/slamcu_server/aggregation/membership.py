@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from slamcu_core.aggregation import Passes, Policy, cluster, connected_groups
+from slamcu_core.aggregation.groups import root_of
 from slamcu_core.geometry import LocalFrame
 from slamcu_server.aggregation.cells import Cell, keys_within
 from slamcu_server.aggregation.evidence import covariances, frame_at
@@ -49,11 +50,11 @@ def group_by_reach(passes: Iterable[StoredPass], reach_m: float) -> list[list[St
         labels = connected_groups(xy, reach_m)
         first: dict[int, int] = {}
         for index, label in zip(indices, labels.tolist(), strict=True):
-            one, other = _root(parent, first.setdefault(label, index)), _root(parent, index)
+            one, other = root_of(parent, first.setdefault(label, index)), root_of(parent, index)
             parent[max(one, other)] = min(one, other)
     groups: defaultdict[int, list[StoredPass]] = defaultdict(list)
     for index, item in enumerate(ordered):
-        groups[_root(parent, index)].append(item)
+        groups[root_of(parent, index)].append(item)
     return [groups[root] for root in sorted(groups)]
 
 
@@ -113,10 +114,3 @@ def _place(item: StoredPass) -> tuple[float, float, tuple[float, float, float]]:
     if item.place is None:
         raise ValueError(f"pass {item.id} has no place to cluster by")
     return item.place
-
-
-def _root(parent: list[int], node: int) -> int:
-    while parent[node] != node:
-        parent[node] = parent[parent[node]]
-        node = parent[node]
-    return node

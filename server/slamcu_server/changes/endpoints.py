@@ -15,14 +15,14 @@ from slamcu_server.changes import service
 from slamcu_server.changes.belief import Kind, State
 from slamcu_server.changes.repository import FeedQuery
 from slamcu_server.changes.schemas import Change, ExplainedChange, FeedPage, ReviewRequest
+from slamcu_server.database.tables.columns import ID_MAX
 from slamcu_server.database.transactions import EngineDependency, ReadTransaction
 from slamcu_server.maps.bbox import BoundingBox, box_query
 from slamcu_server.problems import responses
 
 router = APIRouter(prefix="/v1/changes", tags=["changes"], responses=responses(401, 403))
 
-_ID_MAX = 2**63 - 1
-ChangeId = Annotated[int, Path(ge=1, le=_ID_MAX)]
+ChangeId = Annotated[int, Path(ge=1, le=ID_MAX)]
 
 
 @router.get("", response_model=FeedPage)
@@ -31,7 +31,7 @@ async def get_changes(
     request: Request,
     provider: Provider,
     connection: ReadTransaction,
-    after: Annotated[int, Query(ge=0, le=_ID_MAX, description="Entries that follow this sequence number.")] = 0,
+    after: Annotated[int, Query(ge=0, le=ID_MAX, description="Entries that follow this sequence number.")] = 0,
     bbox: Annotated[str | None, box_query()] = None,
     kind: Annotated[
         list[Kind],

@@ -9,6 +9,7 @@ from fastapi.responses import JSONResponse, RedirectResponse
 from pydantic import AwareDatetime
 
 from slamcu_server.accounts.authentication import Provider
+from slamcu_server.database.tables.columns import ID_MAX
 from slamcu_server.database.transactions import ReadTransaction
 from slamcu_server.features import service
 from slamcu_server.features.repository import LookQuery
@@ -17,8 +18,6 @@ from slamcu_server.maps.bbox import BoundingBox, box_query
 from slamcu_server.problems import responses
 
 router = APIRouter(prefix="/v1", tags=["features"], responses=responses(401, 403))
-
-_ID_MAX = 2**63 - 1
 
 
 @router.get("/features", response_model=LookPage, responses=responses(404))
@@ -32,7 +31,7 @@ async def get_features(
     not_looked_since: Annotated[
         AwareDatetime | None, Query(description="Only those that nobody has looked at since then.")
     ] = None,
-    after: Annotated[int, Query(ge=0, le=_ID_MAX, description="Features with greater ids.")] = 0,
+    after: Annotated[int, Query(ge=0, le=ID_MAX, description="Features with greater ids.")] = 0,
     limit: Annotated[int, Query(ge=1, le=10_000)] = 1000,
 ) -> JSONResponse:
     """List the features of a map's current version with when they were last looked at and seen, and how often."""
@@ -45,7 +44,7 @@ async def get_features(
 
 @router.get("/features/{feature_id}", response_model=Feature, responses=responses(404))
 async def get_feature(
-    provider: Provider, connection: ReadTransaction, feature_id: Annotated[int, Path(ge=1, le=_ID_MAX)]
+    provider: Provider, connection: ReadTransaction, feature_id: Annotated[int, Path(ge=1, le=ID_MAX)]
 ) -> JSONResponse:
     """Read a map feature: the evidence about it as it stands now, the map's versions of it, and its changes."""
     return JSONResponse(await service.find_feature(connection, provider, feature_id))
@@ -61,7 +60,7 @@ async def get_map_feature(
     provider: Provider,
     connection: ReadTransaction,
     source: Annotated[str, Path(description="The map's name.", max_length=200)],
-    object_id: Annotated[int, Path(ge=1, le=_ID_MAX, description="The map's own id.")],
+    object_id: Annotated[int, Path(ge=1, le=ID_MAX, description="The map's own id.")],
 ) -> RedirectResponse:
     """Find the feature that a map calls `object_id`."""
     return RedirectResponse(f"/v1/features/{await service.find_id(connection, provider.scope, source, object_id)}", 307)

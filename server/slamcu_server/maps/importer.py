@@ -15,9 +15,10 @@ from slamcu_core.errors import FormatError, SlamcuError
 from slamcu_core.formats import Lanelet2Reader
 from slamcu_core.hd_map import MapFeature, MapIdentity
 from slamcu_server.aggregation.cells import map_key
+from slamcu_server.database.tables.columns import ID_MAX
 from slamcu_server.maps.map_file import MapFormat, opened
 
-_OBJECT_ID_MAX = 2**63 - 2  # leaves a next one
+_OBJECT_ID_MAX = ID_MAX - 1  # leaves a next one
 _TEXT_MAX = 200
 _SOURCE = re.compile(r"[\w][\w .:@+~-]{0,199}")  # it stands in paths
 

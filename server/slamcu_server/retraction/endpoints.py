@@ -7,6 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Response, status
 
 from slamcu_server.accounts.authentication import Admin
+from slamcu_server.database.tables.columns import ID_MAX
 from slamcu_server.database.transactions import DecisionTransaction, ReadTransaction
 from slamcu_server.problems import responses
 from slamcu_server.retraction import service
@@ -14,8 +15,7 @@ from slamcu_server.retraction.schemas import Retraction, RetractionPage, Retract
 
 router = APIRouter(prefix="/v1/evidence", tags=["administration"], responses=responses(401, 403))
 
-_ID_MAX = 2**63 - 1
-RetractionId = Annotated[int, Path(ge=1, le=_ID_MAX)]
+RetractionId = Annotated[int, Path(ge=1, le=ID_MAX)]
 
 
 @router.post(
@@ -47,7 +47,7 @@ async def post_retract(
 async def get_retractions(
     _: Admin,
     connection: ReadTransaction,
-    after: Annotated[int, Query(ge=0, le=_ID_MAX, description="Retractions with greater ids.")] = 0,
+    after: Annotated[int, Query(ge=0, le=ID_MAX, description="Retractions with greater ids.")] = 0,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
 ) -> RetractionPage:
     """List retractions, oldest first: what was taken out, by whom, when and why.

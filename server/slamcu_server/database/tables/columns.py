@@ -15,6 +15,9 @@ metadata = MetaData(
     }
 )
 
+ID_MAX = 2**63 - 1
+"""The largest id: they are of type bigint."""
+
 
 def point(*, nullable: bool = False) -> Column[object]:
     """Return a column of places on WGS84; its index is named where it is made."""
