@@ -28,8 +28,8 @@ logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-BATCH_SIZE = 256
-"""Messages: more would share what a batch costs by itself, and wait longer for each other (decision 0023)."""
+BATCH_SIZE = 512
+"""Messages: more would share what a batch costs by itself, and wait longer for each other (decision 0033)."""
 
 POLL_S = 1.0  # between looks at the log when nobody calls: a notification may be lost with its connection
 _HOUSEKEEPING_S = 600.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 
-from sqlalchemy.dialects.postgresql import JSONB
 from sqlalchemy.ext.asyncio import AsyncConnection
 
 from slamcu_core.aggregation import Policy, Trusts
@@ -88,7 +87,7 @@ async def _known_changes(
         text("""
         SELECT id, map_id, kind, feature_id, candidate_id, state, revision, document, evidence_left FROM changes
         WHERE feature_id = ANY(CAST(:features AS bigint[])) OR candidate_id = ANY(CAST(:candidates AS bigint[]))
-        ORDER BY id""").columns(document=JSONB),
+        ORDER BY id"""),
         {"features": sorted(features), "candidates": sorted(candidates)},
     )
     return [
