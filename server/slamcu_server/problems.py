@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from http import HTTPStatus
 from typing import Any
 
@@ -100,6 +100,8 @@ def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
 
 async def _on_http_exception(_: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)  # noqa: S101  (registered for this type)
+    if error.status_code == 400 and not isinstance(error, Problem):  # FastAPI's word for a body that is no text
+        return _invalid([{"field": "body", "detail": "expected JSON in UTF-8"}])
     code = error.code if isinstance(error, Problem) else None
     members = error.members if isinstance(error, Problem) else None
     return problem_response(error.status_code, error.detail, code=code, headers=error.headers, members=members)
@@ -107,12 +109,19 @@ async def _on_http_exception(_: Request, error: Exception) -> JSONResponse:
 
 async def _on_invalid_request(_: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)  # noqa: S101
-    errors = [
-        {"field": ".".join(map(str, item["loc"])), "detail": str(item["msg"]).removeprefix("Value error, ")}
-        for item in error.errors()
-    ]
+    return _invalid([_named(item) for item in error.errors()])
+
+
+def _named(item: Mapping[str, Any]) -> dict[str, str]:
+    """Return which field pydantic complains about, and of what."""
+    if item["type"] == "json_invalid":
+        return {"field": "body", "detail": f"expected JSON: {item['ctx']['error']} at character {item['loc'][1]}"}
+    return {"field": ".".join(map(str, item["loc"])), "detail": str(item["msg"]).removeprefix("Value error, ")}
+
+
+def _invalid(errors: Sequence[Mapping[str, str]]) -> JSONResponse:
     detail = "; ".join(f"{item['field']}: {item['detail']}" for item in errors)
-    return problem_response(422, detail, code="invalid-request", members={"errors": errors})
+    return problem_response(422, detail, code="invalid-request", members={"errors": list(errors)})
 
 
 async def _on_data_error(request: Request, error: Exception) -> JSONResponse:

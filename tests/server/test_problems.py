@@ -60,6 +60,40 @@ async def test_an_unexpected_error_shows_nothing_and_is_logged(
     assert 'route="/broken",status="500"' in (await client.get("/metrics")).text
 
 
+@pytest.mark.parametrize(
+    ("body", "wrong"),
+    [
+        (b'{"decision": "\xc3"}', "expected JSON in UTF-8"),
+        (b"[" * 100_000, "expected JSON in UTF-8"),
+        (b'{"decision": accept}', "expected JSON: Expecting value at character 13"),
+    ],
+    ids=["latin", "deep", "bare"],
+)
+async def test_a_body_that_is_no_json_is_an_invalid_request(
+    client: httpx.AsyncClient, admin: dict[str, str], body: bytes, wrong: str
+) -> None:
+    headers = admin | {"Content-Type": "application/json", "If-Match": '"1-1"'}
+    for path in ("/v1/changes/1/review", "/v1/evidence/retract"):
+        answer = await client.post(path, content=body, headers=headers)
+        assert answer.status_code == 422
+        assert problem_of(answer)["errors"] == [{"field": "body", "detail": wrong}]
+
+
+async def test_a_number_is_no_time(client: httpx.AsyncClient, admin: dict[str, str]) -> None:
+    """1777622400 may be of seconds or of milliseconds; whoever guesses is wrong by fifty thousand years."""
+    for path in (
+        "/v1/features?map=town&not_looked_since=1777622400",
+        "/v1/coverage?map=town&bbox=2,48,3,49&since=-0.5",
+        "/v1/changes/1?as_of=1777622400000",
+    ):
+        problem = problem_of(await client.get(path, headers=admin))
+        assert (problem["status"], problem["type"]) == (422, "urn:slamcu:problem:invalid-request"), path
+        assert "expected a date and time with its zone, such as 2026-05-01T08:00:00Z" in problem["detail"]
+    asked = {"fleet_id": "north", "event_from": 1777622400, "reason": "a test"}
+    problem = problem_of(await client.post("/v1/evidence/retract", json=asked, headers=admin))
+    assert problem["errors"][0]["field"] == "body.event_from"
+
+
 async def test_a_failed_request_leaves_nothing_behind(
     app: FastAPI, client: httpx.AsyncClient, engine: AsyncEngine
 ) -> None:

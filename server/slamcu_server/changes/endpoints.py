@@ -6,7 +6,6 @@ from typing import Annotated
 
 from fastapi import APIRouter, Header, Path, Query, Request
 from fastapi.responses import JSONResponse
-from pydantic import AwareDatetime
 
 from slamcu_server.accounts.authentication import Provider
 from slamcu_server.aggregation.policy import load_policy
@@ -17,6 +16,7 @@ from slamcu_server.changes.repository import FeedQuery
 from slamcu_server.changes.schemas import Change, ExplainedChange, FeedPage, ReviewRequest
 from slamcu_server.database.tables.columns import ID_MAX
 from slamcu_server.database.transactions import EngineDependency, ReadTransaction
+from slamcu_server.instants import Instant
 from slamcu_server.maps.bbox import BoundingBox, box_query
 from slamcu_server.problems import responses
 
@@ -76,7 +76,7 @@ async def get_change(
     connection: ReadTransaction,
     change_id: ChangeId,
     as_of: Annotated[
-        AwareDatetime | None,
+        Instant | None,
         Query(
             description="Explain the evidence as of this time, as far as it is still kept; as of the end of the hour "
             "that it lies in, unless an admin asks."

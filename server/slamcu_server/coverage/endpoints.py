@@ -7,13 +7,13 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 from fastapi.responses import JSONResponse
-from pydantic import AwareDatetime
 
 from slamcu_server.accounts.authentication import Provider
 from slamcu_server.coverage import service
 from slamcu_server.coverage.repository import CoverageQuery
 from slamcu_server.coverage.schemas import Coverage
 from slamcu_server.database.transactions import ReadTransaction
+from slamcu_server.instants import Instant
 from slamcu_server.maps.bbox import BoundingBox, box_query
 from slamcu_server.problems import responses
 
@@ -32,7 +32,7 @@ async def get_coverage(
     bbox: Annotated[str, box_query(f"At most {TILES_MAX} tiles.")],
     zoom: Annotated[int, Query(ge=0, le=20, description="Of the web-mercator tiles.")] = 14,
     since: Annotated[
-        AwareDatetime | None,
+        Instant | None,
         Query(description="What was seen from then on counts as verified; without it, 30 days ago."),
     ] = None,
 ) -> JSONResponse:

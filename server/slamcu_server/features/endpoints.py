@@ -6,7 +6,6 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import JSONResponse, RedirectResponse
-from pydantic import AwareDatetime
 
 from slamcu_server.accounts.authentication import Provider
 from slamcu_server.database.tables.columns import ID_MAX
@@ -14,6 +13,7 @@ from slamcu_server.database.transactions import ReadTransaction
 from slamcu_server.features import service
 from slamcu_server.features.repository import LookQuery
 from slamcu_server.features.schemas import Feature, LookPage
+from slamcu_server.instants import Instant
 from slamcu_server.maps.bbox import BoundingBox, box_query
 from slamcu_server.problems import responses
 
@@ -29,7 +29,7 @@ async def get_features(
     map_source: Annotated[str, Query(alias="map", description="The map's name.", max_length=200)],
     bbox: Annotated[str | None, box_query()] = None,
     not_looked_since: Annotated[
-        AwareDatetime | None, Query(description="Only those that nobody has looked at since then.")
+        Instant | None, Query(description="Only those that nobody has looked at since then.")
     ] = None,
     after: Annotated[int, Query(ge=0, le=ID_MAX, description="Features with greater ids.")] = 0,
     limit: Annotated[int, Query(ge=1, le=10_000)] = 1000,

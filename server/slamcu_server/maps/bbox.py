@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,13 +12,18 @@ from sqlalchemy import ColumnElement, Float, and_, func, literal, or_
 
 from slamcu_server.problems import Problem
 
+_NUMBER = r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?"
+_PATTERN = re.compile(f"{_NUMBER}(,{_NUMBER}){{3}}")
 _HELP = "expected west,south,east,north in degrees, such as 2.0,48.8,2.3,49.0"
 
 
 def box_query(more: str = "") -> Any:
     """Describe a query parameter that `BoundingBox.parse` reads, as `Annotated[str, box_query()]`."""
     description = f"west,south,east,north in degrees; west greater than east crosses the antimeridian. {more}"
-    return Query(description=description.strip(), examples=["2.0,48.8,2.3,49.0"], max_length=200)
+    pattern = {"pattern": f"^{_PATTERN.pattern}$"}  # told to clients; what is wrong with a box, `parse` says better
+    return Query(
+        description=description.strip(), examples=["2.0,48.8,2.3,49.0"], max_length=200, json_schema_extra=pattern
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +38,9 @@ class BoundingBox:
     @classmethod
     def parse(cls, text: str) -> BoundingBox:
         """Read a box from a query parameter; answer 422 naming what is wrong with it."""
-        try:
-            west, south, east, north = (float(part) for part in text.split(","))
-        except ValueError:
-            raise _invalid(f"cannot be read; {_HELP}") from None
+        if not _PATTERN.fullmatch(text):
+            raise _invalid(f"cannot be read; {_HELP}")
+        west, south, east, north = map(float, text.split(","))
         if not all(map(math.isfinite, (west, south, east, north))):
             raise _invalid(f"has a number that is not finite; {_HELP}")
         if not (-180 <= west <= 180 and -180 <= east <= 180):

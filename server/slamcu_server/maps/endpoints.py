@@ -6,6 +6,7 @@ from typing import Annotated
 from urllib.parse import quote, urlencode
 
 from fastapi import APIRouter, Header, Path, Query, Response
+from fastapi.responses import JSONResponse
 
 from slamcu_server.accounts.authentication import MapReader
 from slamcu_server.accounts.schemas import Role
@@ -21,10 +22,14 @@ MapName = Annotated[str, Path(description="The map's name (its source).", max_le
 _SEQUENCE_MAX = 2**31 - 1
 
 
-class GeoJSONResponse(Response):
-    """A response in GeoJSON."""
+class GeoJSONResponse(JSONResponse):
+    """A response in GeoJSON that is rendered already; the API's description has the schema of its content."""
 
     media_type = "application/geo+json"
+
+    def render(self, content: bytes) -> bytes:
+        """Return the content as it is."""
+        return content
 
 
 @router.get("")

@@ -5,8 +5,9 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Annotated, Self
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
+from slamcu_server.instants import Instant
 from slamcu_server.retraction.repository import State
 
 _Name = Annotated[str, StringConstraints(min_length=1, max_length=200, pattern=r"^[^\x00]*$")]
@@ -27,8 +28,8 @@ class Selection(BaseModel):
     session_id: _Name | None = Field(None, description="The session that it was reported in.")
     fleet_id: _Name | None = Field(None, description="The fleet that the vehicle named.")
     software_version: _Name | None = Field(None, description="The software that the vehicle named.")
-    event_from: AwareDatetime | None = Field(None, description="The pass ended at this time or later.")
-    event_until: AwareDatetime | None = Field(
+    event_from: Instant | None = Field(None, description="The pass ended at this time or later.")
+    event_until: Instant | None = Field(
         None, description="The pass ended before this time. Not given: what is reported from now on is taken out too."
     )
 
