@@ -103,3 +103,17 @@ def test_who_has_lost_trust_has_lost_it_here_too() -> None:
     doubted = dataclasses.replace(POLICY, trusts=trusts(c66=(0.2, False)))  # B
     miss = _story("Ab", doubted).weight_against
     assert miss == pytest.approx(-math.log(1.0 - 0.2 * POLICY.trust_against_one), rel=1e-6)
+
+
+def test_what_says_as_much_for_as_against_is_no_miss() -> None:
+    """The one who has found it looks again and cannot tell; then another misses it."""
+    items = [
+        PassEvidence(1, 0.0, SURE, 0.0),
+        PassEvidence(1, HOUR, 0.5, 0.5),
+        PassEvidence(2, 2 * HOUR, 0.0, SURE),
+    ]
+    _, undecided, miss = contributions(items, POLICY)
+    assert undecided.weight_for == undecided.weight_against > 0.0
+    left = POLICY.forgetting**miss.informativeness
+    told = -math.log(1.0 - POLICY.trust_against_one)
+    assert _fold(items, POLICY).weight_against == pytest.approx(left * undecided.weight_against + told, rel=1e-6)

@@ -312,3 +312,16 @@ def test_the_fold_tells_when_the_evidence_turned() -> None:
     assert turn("mmmmsss") == (None, None)
     assert turn("mmm") == (None, 0.0)
     assert turn("ss" + "m" * 70) == (None, 8 * HOUR)  # the window does not reach back to it
+
+
+@pytest.mark.parametrize(("told", "side"), [("ss", Side.NEW), ("mmmm", Side.DELETED)])
+def test_a_change_stands_from_the_very_mass_on(told: str, side: Side) -> None:
+    def folded(policy: ClassPolicy) -> FoldedState:
+        prior = PRIOR if side is Side.DELETED else 0.0
+        return fold(contributions(_story(told), policy), prior_weight=prior, policy=policy, side=side)
+
+    state = folded(POLICY)
+    exists, not_exists, _ = masses_from_weights(state.weight_for, state.weight_against)
+    mass = float(exists if side is Side.NEW else not_exists)
+    assert folded(dataclasses.replace(POLICY, enter=mass)).steps[-1].standing
+    assert not folded(dataclasses.replace(POLICY, enter=math.nextafter(mass, 1.0))).steps[-1].standing

@@ -54,3 +54,13 @@ def test_thousands_of_passes_over_one_sign_are_one_group() -> None:
 def test_what_has_no_distance_is_refused(xy: list[list[float]], reach: float) -> None:
     with pytest.raises(EvidenceError):
         connected_groups(xy, reach)
+
+
+@pytest.mark.parametrize("corner", [(0.0, 0.0), (0.3, -0.4), (-7.7, 12.1)])
+def test_two_points_are_one_group_up_to_the_reach_in_every_direction(corner: tuple[float, float]) -> None:
+    reach = 2.0
+    steps = np.linspace(-3.05, 3.05, 62)  # none of them so far off, to rounding
+    for dx in steps:
+        for dy in steps:
+            pair = np.array([corner, (corner[0] + dx, corner[1] + dy)])
+            assert (connected_groups(pair, reach)[1] == 0) == (math.hypot(dx, dy) <= reach), (dx, dy)

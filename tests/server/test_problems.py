@@ -9,10 +9,12 @@ import re
 from typing import Any
 from urllib.parse import quote
 
+import asyncpg
 import httpx
 import pytest
 from fastapi import FastAPI
 from sqlalchemy import text
+from sqlalchemy.exc import DBAPIError
 from sqlalchemy.ext.asyncio import AsyncEngine
 
 from slamcu_server.app import create_app
@@ -94,6 +96,31 @@ async def test_a_number_is_no_time(client: httpx.AsyncClient, admin: dict[str, s
     assert problem["errors"][0]["field"] == "body.event_from"
 
 
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (asyncpg.DeadlockDetectedError("deadlock"), 503),
+        (asyncpg.AdminShutdownError("terminating connection"), 503),
+        (asyncpg.UndefinedTableError("no such table"), 500),
+        (DBAPIError("SELECT 1", None, RuntimeError("gone"), connection_invalidated=True), 503),
+        (DBAPIError("SELECT 1", None, RuntimeError("else"), connection_invalidated=False), 500),
+        (ConnectionRefusedError(111, "Connection refused"), 503),
+        (FileNotFoundError(2, "No such file", "policy.json"), 500),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, Exception) else str(value),
+)
+async def test_only_what_a_repeat_may_cure_is_asked_to_be_repeated(
+    app: FastAPI, client: httpx.AsyncClient, error: Exception, status: int
+) -> None:
+    @app.get("/broken")
+    async def broken() -> None:
+        raise error
+
+    answer = await client.get("/broken")
+    assert answer.status_code == status
+    assert answer.headers.get("retry-after") == ("1" if status == 503 else None)
+
+
 async def test_a_failed_request_leaves_nothing_behind(
     app: FastAPI, client: httpx.AsyncClient, engine: AsyncEngine
 ) -> None:
@@ -125,7 +152,7 @@ async def test_without_its_database_it_says_so_and_asks_to_come_again(
             for path in ("/v1/maps", "/readyz", "/metrics"):
                 answer = await client.get(path, headers=vehicle)
                 assert answer.status_code == 503, path
-                assert answer.headers["retry-after"]
+                assert answer.headers["retry-after"] == "1"
                 assert "nonexistent" not in problem_of(answer)["detail"]
             assert (await client.get("/livez")).status_code == 200
         await engine.dispose()
@@ -142,7 +169,7 @@ async def test_a_read_that_takes_too_long_is_given_up(
     app.get("/slow")(slow)
     answer = await client.get("/slow")
     assert answer.status_code == 503
-    assert answer.headers["retry-after"]
+    assert answer.headers["retry-after"] == "1"
     assert problem_of(answer)["type"] == "urn:slamcu:problem:database-unavailable"
 
 

@@ -222,3 +222,19 @@ def holders(value: Any) -> list[tuple[Any, Any]]:
         return []
     pairs = list(value.items() if isinstance(value, dict) else enumerate(value))
     return [(value, key) for key, _ in pairs] + [found for _, each in pairs for found in holders(each)]
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_local_frame_reaches_a_hundred_kilometres_from_its_anchor(header: Json, axis: str, sign: float) -> None:
+    header["frame"] = {"local": {"lon": 2.0, "lat": 48.0, "heading_deg": 0.0}}
+    header["initial_pose"] = {"x": 0.0, "y": 0.0, "heading_deg": 0.0}
+    fix = {"t": 0, "type": "gnss", "x": 0.0, "y": 0.0, "std_m": 2.0}
+    for far in (1e5, 1e5 + 0.5):
+        lines = [json.dumps(header), json.dumps(fix | {axis: sign * far})]
+        if far == 1e5:
+            assert len(list(read_drive_log(lines)[1])) == 1
+        else:
+            error = refusal(lines)
+            assert (error.line, error.field) == (2, axis)
+            assert "from -100000 to 100000" in error.message

@@ -87,6 +87,16 @@ def test_the_uncertainty_of_the_origin_is_added(foreign: Message, origin: data_p
     assert xy == pytest.approx(turn * 120.0, rel=1e-6)
 
 
+def test_an_event_group_that_is_not_turned_adds_no_uncertainty_of_its_direction(
+    foreign: Message, origin: data_pb2.EventGroup.Envelope.Origin
+) -> None:
+    place_of(foreign).covariance.a11.value = 40_000
+    place_of(foreign).covariance.a22.value = 90_000
+    origin.position_and_accuracy.combined_std_dev.value = 1000
+
+    assert read(foreign).covariance_m2 == pytest.approx((0.04 + 1.0, 0.0, 0.09 + 1.0), rel=1e-6)
+
+
 @pytest.mark.parametrize(
     ("yaw", "expected"), [(0, (30.0, 4.0)), (9000, (-4.0, 30.0)), (18000, (-30.0, -4.0)), (27000, (4.0, -30.0))]
 )

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from slamcu_core.aggregation import ClassPolicy
 from slamcu_server.changes.belief import Belief, Kind, State, Subject
 from slamcu_server.changes.document import claim_document, ellipse95
-from slamcu_server.changes.transitions import Claim, Published, Transition, Voice, decide
+from slamcu_server.changes.transitions import Claim, Published, Transition, Voice, decide, is_material
 
 RULES = ClassPolicy(enter=0.8)
 NOW = datetime(2026, 5, 1, tzinfo=UTC)
@@ -136,3 +136,38 @@ def test_the_ellipse_points_where_the_place_is_vague() -> None:
     assert ellipse95((4.0, 0.0, 1.0))["orientation_deg"] == pytest.approx(90.0)
     assert ellipse95((1.0, 0.0, 4.0))["orientation_deg"] == pytest.approx(0.0)
     assert ellipse95((1.0, 0.9, 1.0))["orientation_deg"] == pytest.approx(45.0)
+
+
+def moved(feature: Belief, candidate: Belief) -> Claim:
+    """A claim that what stood in one place stands in another."""
+    gone = Voice(Subject(Kind.DELETED, 1, feature_id=7, map_object_id=7), feature, standing=True, mass=0.9)
+    there = Voice(Subject(Kind.NEW, 1, candidate_id=1), candidate, standing=True, mass=0.9)
+    return Claim(Kind.MOVED, standing=True, feature=gone, candidate=there)
+
+
+@pytest.mark.parametrize(
+    ("feature", "candidate", "said"),
+    [
+        ({}, {}, False),
+        ({"contributors_against": 4}, {}, True),  # of the old place
+        ({"contributors_for": 1}, {}, True),
+        ({}, {"contributors_for": 3}, True),  # of the new one
+        ({}, {"lat": 48.9 + 0.20 / 111_200}, True),
+    ],
+)
+def test_a_change_with_two_ends_is_said_again_when_either_matters(
+    feature: dict[str, Any], candidate: dict[str, Any], said: bool
+) -> None:
+    old = belief(kind=Kind.DELETED, weight_for=0.0, weight_against=2.0, contributors_for=0, contributors_against=3)
+    document = claim_document(moved(old, belief()), "m", None)
+    before = Published(1, 1, Kind.MOVED, State.CONFIRMED, 3, document, feature_id=7, candidate_id=1)
+    now = moved(replace(old, **feature), belief(**candidate))
+    assert (decide(now, before, RULES) is not None) is said
+
+
+def test_a_document_that_lacks_the_old_place_no_longer_tells_all() -> None:
+    old = belief(kind=Kind.DELETED, weight_for=0.0, weight_against=2.0)
+    claimed = moved(old, belief())
+    document = claim_document(claimed, "m", None)
+    assert not is_material(claimed, document)
+    assert is_material(claimed, document | {"from": None})
