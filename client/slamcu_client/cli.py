@@ -61,7 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _fail(f"{error.filename or 'file'}: {error.strerror or error}", 1)
     except KeyboardInterrupt:
-        return _fail("interrupted; what is in the outbox stays there", program.INTERRUPTED)
+        kept = getattr(options, "outbox", None) or (options.run is _drive and options.server)
+        return _fail("interrupted" + ("; what is in the outbox stays there" if kept else ""), program.INTERRUPTED)
     failure = commands.console.failure
     return code if failure is None else _fail(f"standard output: {failure.strerror or failure}", 1)
 
@@ -136,7 +137,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     drive.add_argument("--log", type=Path, required=True, metavar="FILE", help="the drive log, .jsonl or .jsonl.gz")
     chart = drive.add_mutually_exclusive_group(required=True)
-    chart.add_argument("--map", type=Path, metavar="FILE", help="the HD map, GeoJSON")
+    chart.add_argument("--map", type=Path, metavar="FILE", help="the HD map, GeoJSON, gzipped or not")
     chart.add_argument("--map-name", type=_text, metavar="NAME", help="fetch this map from the server instead")
     drive.add_argument(
         "--result", type=Path, metavar="FILE", help="write what this car says about each feature, GeoJSON"
@@ -148,7 +149,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="where reports wait, and what remembers what has been reported (default with --server: beside the log)",
     )
-    _add_wait(drive)
+    _add_wait(drive, "for the map and for the last reports")
     drive.add_argument("--seed", type=_count, default=0, metavar="N", help="of the filter's random numbers (default 0)")
     drive.add_argument("--particles", type=_count, default=None, metavar="N", help="of the filter (default 100)")
     drive.add_argument(
@@ -188,7 +189,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     upload.add_argument("--outbox", type=Path, required=True, metavar="FILE", help="the outbox of an earlier drive")
     _add_server(upload, required=True)
-    _add_wait(upload)
+    _add_wait(upload, "in all")
     upload.set_defaults(run=_upload)
     return parser
 
@@ -218,13 +219,13 @@ def _add_server(command: argparse.ArgumentParser, *, required: bool) -> None:
     )
 
 
-def _add_wait(command: argparse.ArgumentParser) -> None:
+def _add_wait(command: argparse.ArgumentParser, what_for: str) -> None:
     command.add_argument(
         "--wait",
         type=_seconds,
         default=60.0,
         metavar="S",
-        help="seconds to go on trying if the server does not answer, for the map and for the last reports (default 60)",
+        help=f"seconds to go on trying if the server does not answer, {what_for} (default 60)",
     )
 
 

@@ -164,6 +164,19 @@ def test_a_log_can_be_driven_at_a_pace(folder: Path, vehicle, drive, monkeypatch
         vehicle(*LOCAL, "--pace", "0")
 
 
+@pytest.mark.usefixtures("ctrl_c")
+@pytest.mark.parametrize(
+    ("options", "kept"), [((), ""), (("--outbox", "car.outbox"), "; what is in the outbox stays there")]
+)
+def test_an_interrupted_drive_tells_of_an_outbox_where_there_is_one(
+    folder: Path, vehicle, monkeypatch, options: tuple[str, ...], kept: str
+) -> None:
+    monkeypatch.setattr("slamcu_client.commands.time.sleep", lambda _s: signal.raise_signal(signal.SIGINT))
+    code, _, err = vehicle(*LOCAL, *options, "--pace", "1")
+    assert code == 130
+    assert err.splitlines()[-1] == f"slamcu-vehicle: interrupted{kept}"
+
+
 def with_a_sign_to_watch(drive) -> str:
     """The drive's map as it is once the cloud has a candidate: vehicles report what they see of that too."""
     first = next(iter(drive.hd_map))

@@ -174,7 +174,7 @@ def test_the_command(command: Command, tmp_path: Path) -> None:
     path.write_text("".join(write_hd_map(MapIdentity("town", "1"), [ONE, TWO])))
     first = command("import-map", str(path))
     assert first.returncode == 0, first.stderr
-    assert "2 features; 2 added" in first.stderr
+    assert "2 features; it is the first version" in first.stderr
     assert "nothing to do" in command("import-map", str(path)).stderr
     assert "1 features" not in command("import-map", str(path), "--version", "2").stderr
 
@@ -200,7 +200,7 @@ def test_a_lanelet2_map_is_imported_by_name_or_by_option(command: Command, tmp_p
     assert "a map needs a name and a version" in unnamed.stderr
     done = command("import-map", str(path), "--source", "town", "--version", "1")
     assert done.returncode == 0, done.stderr
-    assert "2 features; 2 added" in done.stderr
+    assert "2 features; it is the first version" in done.stderr
     assert "without a known type, to be matched by class alone: de999 (1)" in done.stderr
 
     other = path.rename(tmp_path / "town.xml")
@@ -229,6 +229,18 @@ def test_a_gzipped_map_is_imported_whatever_its_name(command: Command, tmp_path:
     again = tmp_path / "town.geojson"
     again.write_bytes(plain)
     assert "is here already, with the same 2 features" in command("import-map", str(again)).stderr
+
+
+def test_the_import_says_how_a_version_differs_from_the_one_before(command: Command, tmp_path: Path) -> None:
+    path = tmp_path / "town.geojson"
+    told = []
+    for version, features in (("1", [ONE, TWO]), ("2", [replace(ONE, value="3"), THREE])):
+        path.write_text("".join(write_hd_map(MapIdentity("town", version), features)))
+        told.append(command("import-map", str(path)).stderr.splitlines()[0])
+    assert told == [
+        "map town version 1: 2 features; it is the first version",
+        "map town version 2: 2 features; 1 added, 1 changed, 1 removed since the version before",
+    ]
 
 
 def test_a_gzipped_map_is_read_from_a_pipe(server_environment: dict[str, str]) -> None:

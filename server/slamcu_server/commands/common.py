@@ -15,7 +15,12 @@ from slamcu_server.settings import Settings
 
 T = TypeVar("T")
 
-DataDir = Annotated[Path | None, typer.Option(help="Home of the private database cluster. [SLAMCU_DATA_DIR]")]
+DataDir = Annotated[
+    Path | None,
+    typer.Option(
+        help="Home of the private database cluster. [SLAMCU_DATA_DIR, ~/.local/share/slamcu; for root /var/lib/slamcu]"
+    ),
+]
 
 
 def say(message: str) -> None:

@@ -71,10 +71,8 @@ def import_map(
     if done.unchanged:
         say(f"{name} is here already, with the same {done.features} features: nothing to do")
         return
-    say(
-        f"{name}: {done.features} features; "
-        f"{done.added} added, {done.changed} changed, {done.removed} removed since the version before"
-    )
+    changes = f"{done.added} added, {done.changed} changed, {done.removed} removed since the version before"
+    say(f"{name}: {done.features} features; {changes if done.sequence > 1 else 'it is the first version'}")
     if rebased != rebase.Rebased():
         say(
             f"changes: {rebased.absorbed} absorbed, {rebased.contradicted} contradicted, "
