@@ -46,7 +46,7 @@ def test_a_car_gets_the_whole_client_and_no_server(wheels: dict[str, Path], tmp_
     packages = {path.name for path in installed.iterdir() if path.is_dir() and not path.name.endswith(".dist-info")}
     assert packages == {"slamcu_core", "slamcu_client"}
     code = """
-import importlib, pkgutil, slamcu_core, slamcu_client
+import importlib, pkgutil, slamcu_core, slamcu_client, slamcu_vehicle
 for package in (slamcu_core, slamcu_client):
     for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
         importlib.import_module(module.name)
