@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -35,7 +36,7 @@ def run(module: str) -> int:
 
 @contextmanager
 def ends_at_once() -> Iterator[None]:
-    """Let Ctrl-C end the process within the block, which imports and has nothing to tidy up; for the main thread."""
+    """Let Ctrl-C end the process within the block, which imports and has nothing to tidy up; nothing in another thread."""
     if not _raises():
         yield
         return
@@ -47,7 +48,9 @@ def ends_at_once() -> Iterator[None]:
 
 
 def _raises() -> bool:
-    return signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    """Whether Ctrl-C raises KeyboardInterrupt here: only in the main thread, which alone may say otherwise."""
+    in_main = threading.current_thread() is threading.main_thread()
+    return in_main and signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def _end(_number: int, _frame: FrameType | None) -> None:
