@@ -36,7 +36,7 @@ def run(module: str) -> int:
 
 @contextmanager
 def ends_at_once() -> Iterator[None]:
-    """Let Ctrl-C end the process within the block, which imports and has nothing to tidy up; nothing in another thread."""
+    """Let Ctrl-C end the process within the block, which has nothing to tidy up; does nothing in another thread."""
     if not _raises():
         yield
         return

@@ -72,10 +72,13 @@ def paper(results: dict[str, Figures]) -> str:
     )
 
 
+_STRETCHES = {"mrclam-150": "150 s", "mrclam-600": "600 s", "mrclam-600-later": "600 s from 600 s on"}
+
+
 def robots(results: dict[str, Figures]) -> str:
     """Return the recorded robots, alone and fused, by duration and session."""
     rows = []
-    for name in ("mrclam-150", "mrclam-600"):
+    for name, stretch in _STRETCHES.items():
         if name not in results:
             continue
         blocks = {**results[name]["sessions"], "pooled": results[name]["pooled"]}
@@ -85,7 +88,7 @@ def robots(results: dict[str, Figures]) -> str:
             total = sum(sum(row.values()) for row in fused["confusion"].values())
             rows.append(
                 (
-                    f"{name.removeprefix('mrclam-')} s, {'session ' * (session != 'pooled')}{session}",
+                    f"{stretch}, {'session ' * (session != 'pooled')}{session}",
                     share(single["accuracy"]),
                     f"{single['diverged_runs']} of {single['runs']}",
                     number(single["new_position_error_m"]["mean"], 3, " m"),
@@ -102,8 +105,10 @@ def health(results: dict[str, Figures]) -> str:
     """Return whether the filter knew when it was lost."""
     found = {
         "motorway": results.get("paper", {}).get("health"),
-        "robots, 150 s": results.get("mrclam-150", {}).get("pooled", {}).get("single", {}).get("health"),
-        "robots, 600 s": results.get("mrclam-600", {}).get("pooled", {}).get("single", {}).get("health"),
+        **{
+            f"robots, {stretch}": results.get(name, {}).get("pooled", {}).get("single", {}).get("health")
+            for name, stretch in _STRETCHES.items()
+        },
     }
     rows = [
         (
