@@ -23,8 +23,8 @@ from slamcu_client.retry import RetryPolicy
 from slamcu_client.server import Server
 from slamcu_client.session import VehicleSession
 from slamcu_client.transport import HttpxTransport, Request, Response, Transport
-from slamcu_client.upload_health import UploadHealth
-from slamcu_client.uploader import Uploader, UploadPolicy, UploadResult
+from slamcu_client.upload_health import UploadHealth, UploadResult
+from slamcu_client.uploader import Uploader, UploadPolicy
 
 __all__ = [
     "AnswerError",

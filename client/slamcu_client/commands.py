@@ -19,7 +19,8 @@ from slamcu_client.results import result_features
 from slamcu_client.server import Server
 from slamcu_client.session import VehicleSession
 from slamcu_client.summary import summary_lines
-from slamcu_client.uploader import Uploader, UploadPolicy, UploadResult
+from slamcu_client.upload_health import UploadResult
+from slamcu_client.uploader import Uploader, UploadPolicy
 from slamcu_core.drive import DriveHeader
 from slamcu_core.errors import SlamcuError
 from slamcu_core.filter import FilterParameters
@@ -30,6 +31,8 @@ DONE, LEFT_OVER = 0, 3
 console = Console()
 _REPORT_EVERY = 64  # records between two looks at the progress
 _MAP_RETRY_S = 2.0
+# a drive that another outbox has reported is known by its first messages, before more of it counts twice
+_CAREFUL = UploadPolicy(feel_ahead=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +79,7 @@ def drive(order: DriveOrder, address: ServerAddress | None) -> int:
         reported_before = outbox.session(header.session_id).closed
         if reported_before:
             console.say("this drive has been reported before: nothing of it is reported again")
-        # a drive that another outbox has reported is known by its first messages, before more of it counts twice
-        uploader = Uploader(outbox, server, UploadPolicy(feel_ahead=True)) if server else None
+        uploader = Uploader(outbox, server, _CAREFUL) if server else None
         try:
             with uploader.in_background() if uploader else nullcontext():
                 _drive_log(order, hd_map, parameters, None if reported_before else outbox)
@@ -117,7 +119,7 @@ def upload(address: ServerAddress, path: Path, wait_s: float) -> int:
     if not path.is_file():
         raise OutboxError(f"{path}: there is no such outbox")
     with address.connect() as server, Outbox(path) as outbox:
-        return _deliver(Uploader(outbox, server), outbox, wait_s)
+        return _deliver(Uploader(outbox, server, _CAREFUL), outbox, wait_s)
 
 
 def _map(order: DriveOrder, server: Server | None) -> HDMap:

@@ -1,4 +1,4 @@
-"""How an upload fares, for the software of the car to look at while it drives."""
+"""How an upload fares, for the software of the car to look at while it drives, and what it has achieved."""
 
 from __future__ import annotations
 
@@ -7,6 +7,16 @@ from datetime import UTC, datetime
 from typing import Self
 
 from slamcu_client.received import one_line
+
+
+@dataclass(frozen=True, slots=True)
+class UploadResult:
+    """What a `flush` achieved."""
+
+    accepted: int = 0
+    duplicates: int = 0  # the server had them already: an answer was lost on the way
+    rejected: int = 0
+    remaining: int = 0  # still in the outbox
 
 
 @dataclass(frozen=True, slots=True)

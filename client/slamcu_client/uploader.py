@@ -19,7 +19,7 @@ from slamcu_client.receipt import Receipt, read_receipt
 from slamcu_client.retry import Failure, RetryDecision, RetryPolicy, retry_decision
 from slamcu_client.server import Server, describe, is_own_problem, refuse_unauthorized, unexpected
 from slamcu_client.transport import Request, Response
-from slamcu_client.upload_health import UploadHealth
+from slamcu_client.upload_health import UploadHealth, UploadResult
 from slamcu_core.sensoris import join_batch
 
 _PATH = "/v1/data-messages"
@@ -42,16 +42,6 @@ class UploadPolicy:
     leave_s: float = 2.0  # how long the end of `in_background` waits for an exchange under way
     failures_before_put_off: int = 3  # answers over one message before others go first
     retry: RetryPolicy = field(default_factory=RetryPolicy)
-
-
-@dataclass(frozen=True, slots=True)
-class UploadResult:
-    """What a `flush` achieved."""
-
-    accepted: int = 0
-    duplicates: int = 0  # the server had them already: an answer was lost on the way
-    rejected: int = 0
-    remaining: int = 0  # still in the outbox
 
 
 class Uploader:
@@ -88,7 +78,7 @@ class Uploader:
         self._outbox, self._server, self._policy = outbox, server, policy
         self._rng = np.random.default_rng() if rng is None else rng
         self._feeling = policy.feel_ahead
-        self._batch_limit = 1 if policy.feel_ahead else policy.max_messages
+        self._batch_limit = 1 if self._feeling else policy.max_messages
         self._contradicted: set[str] = set()  # sessions of which the server knows other messages under the same ids
         self._failures = 0  # in a row
         self._server_errors = 0  # in a row over one and the same message
