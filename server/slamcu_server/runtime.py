@@ -57,9 +57,10 @@ async def open_database(
 
 
 async def _leave(cluster: EmbeddedCluster, starting: asyncio.Task[EmbeddedCluster]) -> None:
-    """Leave the cluster, once it has started: a thread that starts it cannot be interrupted."""
+    """Leave the cluster, once it has started, if it could: a thread that starts it cannot be interrupted."""
     await asyncio.wait({starting})
-    await asyncio.to_thread(cluster.__exit__, None, None, None)
+    if starting.exception() is None:
+        await asyncio.to_thread(cluster.__exit__, None, None, None)
 
 
 class WorkerSupervisor:
