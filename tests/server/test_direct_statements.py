@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from contextlib import suppress
 
 import pytest
@@ -72,3 +73,24 @@ async def test_a_lost_connection_is_told_and_replaced(engine: AsyncEngine) -> No
     assert transient(lost.value)
     async with direct.begin(engine) as connection:
         assert (await connection.execute(COUNT)).scalar_one() == 0
+
+
+async def test_work_that_is_cancelled_in_a_statement_leaves_nothing(engine: AsyncEngine) -> None:
+    asleep = asyncio.Event()
+
+    async def work() -> None:
+        async with direct.begin(engine) as connection:
+            await connection.execute(ADD, ONE)
+            asleep.set()
+            await connection.execute(text("SELECT pg_sleep(60)"))
+
+    working = asyncio.create_task(work())
+    await asleep.wait()
+    await asyncio.sleep(0.1)  # the statement is under way; if not, that is the same promise
+    working.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await asyncio.wait_for(working, 20)
+    async with direct.begin(engine) as connection:
+        assert (await connection.execute(COUNT)).scalar_one() == 0
+        here = text("SELECT count(*) FROM pg_stat_activity WHERE state = 'active' AND query LIKE 'SELECT pg_sleep%'")
+        assert (await connection.execute(here)).scalar_one() == 0
