@@ -2,6 +2,8 @@
 
 A program imports for half a second and more, and what runs in an import may swallow a KeyboardInterrupt or make another
 error of it. So while a program imports nothing is raised: the process ends.
+
+It stands in the core because all programs share it; nothing else of the core may import it.
 """
 
 from __future__ import annotations
