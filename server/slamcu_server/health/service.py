@@ -24,7 +24,7 @@ async def failing(engine: AsyncEngine, worker: WorkerSupervisor | None) -> list[
     try:
         async with asyncio.timeout(_TIMEOUT_S), engine.connect() as connection:
             revision = await migrate.current(connection)
-        # A newer schema serves this code too: migrations only add, so that old and new servers may run side by side.
+        # A newer schema serves this code too: migrations take nothing away that older servers need, which run beside.
         if revision is None or (revision != migrate.head() and migrate.known(revision)):
             reasons.append(f"the database's schema is at {revision or 'nothing'}, not at {migrate.head()}")
     except (SQLAlchemyError, asyncpg.PostgresError, OSError, TimeoutError) as error:
