@@ -7,25 +7,25 @@ interpreters, one for each drive's process, spent more time on importing than a 
 from __future__ import annotations
 
 import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import active_children, forkserver, get_context
 from multiprocessing.context import ForkServerContext
+from types import FrameType
 from typing import Any, TypeVar
 
 T = TypeVar("T")
+Handler = Callable[[int, FrameType | None], object] | signal.Handlers
 
 
 def clean_copies() -> ForkServerContext:
     """Return the context to make pools of processes in; none of them minds Ctrl-C, which is for the one who asks."""
     context = get_context("forkserver")
     context.set_forkserver_preload(["slamcu_eval.ablation", "slamcu_eval.fleet"])
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
+    with _ctrl_c(signal.SIG_IGN):
         forkserver.ensure_running()  # in which it is ignored from the start, as in its copies
-    finally:
-        signal.signal(signal.SIGINT, before)
     return context
 
 
@@ -53,10 +53,22 @@ def in_copies(
 @contextmanager
 def _ctrl_c_held_back() -> Iterator[None]:
     came: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _frame: came.append(number))
+    try:
+        with _ctrl_c(lambda number, _frame: came.append(number)):
+            yield
+    finally:
+        if came:
+            signal.raise_signal(signal.SIGINT)
+
+
+@contextmanager
+def _ctrl_c(handler: Handler) -> Iterator[None]:
+    """Answer Ctrl-C otherwise within the block; in another thread than the main one it is not ours to answer."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, handler)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-        if came:
-            signal.raise_signal(signal.SIGINT)
