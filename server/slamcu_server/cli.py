@@ -57,7 +57,3 @@ def main() -> None:
     except SlamcuError as error:
         say(f"slamcu-server: {error}")
         sys.exit(1)
-
-
-if __name__ == "__main__":
-    main()

@@ -38,7 +38,7 @@ from slamcu_server.maps.importer import import_map
 from slamcu_server.settings import Settings
 
 _TEMPLATE = "slamcu_template"
-_COMMAND = (sys.executable, "-m", "slamcu_server.cli")
+_COMMAND = (sys.executable, "-m", "slamcu_server")
 _CONFIGURATION = (
     ("fsync", "off"),  # no test cuts the power
     ("max_wal_size", "'256MB'"),  # of memory

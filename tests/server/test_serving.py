@@ -29,7 +29,7 @@ from slamcu_server.maps.importer import import_map
 
 T = Callable[[AsyncEngine], Awaitable[Any]]
 MakeReport = Callable[..., ReportMessage]
-COMMAND = (sys.executable, "-m", "slamcu_server.cli")
+COMMAND = (sys.executable, "-m", "slamcu_server")
 PROTOBUF = {"Content-Type": "application/x-protobuf"}
 
 

@@ -21,7 +21,7 @@ from slamcu_server.database.embedded import EmbeddedCluster
 
 _START_TIMEOUT_S = 60.0
 _STOP_TIMEOUT_S = 20.0
-_COMMAND = (sys.executable, "-m", "slamcu_server.cli")
+_COMMAND = (sys.executable, "-m", "slamcu_server")
 
 
 @dataclass(frozen=True, slots=True)

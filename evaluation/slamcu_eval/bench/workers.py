@@ -15,7 +15,7 @@ import asyncpg
 
 from slamcu_core.errors import SlamcuError
 
-_COMMAND = (sys.executable, "-m", "slamcu_server.cli", "worker")
+_COMMAND = (sys.executable, "-m", "slamcu_server", "worker")
 _READY_S, _STOP_S, _LOOK_S = 60.0, 20.0, 0.02
 _LISTENING = "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() AND query LIKE 'LISTEN%'"
 _WAITING = "SELECT count(*) FROM messages WHERE state = 'pending'"

@@ -113,4 +113,4 @@ def run_server_command(arguments: Sequence[str], environment: Mapping[str, str])
 
 def server_command(*arguments: str) -> list[str]:
     """Return the command line of `slamcu-server` in this very environment."""
-    return [sys.executable, "-m", "slamcu_server.cli", *arguments]
+    return [sys.executable, "-m", "slamcu_server", *arguments]

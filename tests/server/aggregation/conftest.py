@@ -274,7 +274,7 @@ def worker(server_environment: dict[str, str]) -> Callable[[], AbstractContextMa
     @contextmanager
     def started() -> Iterator[subprocess.Popen[bytes]]:
         process = subprocess.Popen(
-            [sys.executable, "-m", "slamcu_server.cli", "worker"], env=server_environment, stdout=subprocess.DEVNULL
+            [sys.executable, "-m", "slamcu_server", "worker"], env=server_environment, stdout=subprocess.DEVNULL
         )
         try:
             yield process
