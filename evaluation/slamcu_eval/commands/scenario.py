@@ -15,11 +15,11 @@ from slamcu_client import Server
 from slamcu_core.errors import SlamcuError
 from slamcu_eval.console import console
 from slamcu_eval.fleet import Provider, standing_changes
-from slamcu_eval.fleet.signals import signals_as_exit
 from slamcu_eval.scenario import ContainerSystem, Plan, ProcessSystem, System, Timeline, tell
 from slamcu_eval.scenario.relay import Relay
 from slamcu_eval.scenario.reviewer import accept_confirmed, wait_until_quiet
 from slamcu_eval.scenario.world import set_stage
+from slamcu_eval.signals import signals_as_exit
 
 IN_CONTAINERS = Plan(
     length_km=3.0, normal=12, deleted=3, new=4, pace=1.2, second_pace=1.2, cut_s=30.0, cut_at=0.5,

@@ -13,11 +13,10 @@ from types import TracebackType
 from typing import Self
 
 from slamcu_client import Server
-from slamcu_core import program
 from slamcu_core.aggregation import Policy
 from slamcu_eval.fleet.program import Program, ProgramError
 from slamcu_eval.fleet.provider import CloudError, Provider
-from slamcu_eval.fleet.signals import signals_as_exit
+from slamcu_eval.signals import ctrl_c_held_back, signals_as_exit
 from slamcu_server.database.embedded import EmbeddedCluster
 
 _START_TIMEOUT_S = 60.0
@@ -58,7 +57,7 @@ class Cloud(Provider):
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.enter_context(signals_as_exit())
-            with program.ends_at_once():  # while nothing runs that would be left behind
+            with ctrl_c_held_back():  # an import may swallow it, or make another error of it
                 from slamcu_eval.fleet import office  # noqa: F401, PLC0415
             home = tempfile.TemporaryDirectory(prefix="slamcu-", ignore_cleanup_errors=True)
             self._home = Path(stack.enter_context(home))
