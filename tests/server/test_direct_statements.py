@@ -75,22 +75,23 @@ async def test_a_lost_connection_is_told_and_replaced(engine: AsyncEngine) -> No
         assert (await connection.execute(COUNT)).scalar_one() == 0
 
 
-async def test_work_that_is_cancelled_in_a_statement_leaves_nothing(engine: AsyncEngine) -> None:
-    asleep = asyncio.Event()
-
+async def test_work_that_is_cancelled_in_a_statement_leaves_nothing_not_even_a_lock_of_its_session(
+    engine: AsyncEngine,
+) -> None:
     async def work() -> None:
         async with direct.begin(engine) as connection:
             await connection.execute(ADD, ONE)
-            asleep.set()
-            await connection.execute(text("SELECT pg_sleep(60)"))
+            await connection.execute(text("SELECT pg_advisory_lock(7), pg_sleep(60)"))
 
-    working = asyncio.create_task(work())
-    await asleep.wait()
-    await asyncio.sleep(0.1)  # the statement is under way; if not, that is the same promise
-    working.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await asyncio.wait_for(working, 20)
-    async with direct.begin(engine) as connection:
-        assert (await connection.execute(COUNT)).scalar_one() == 0
-        here = text("SELECT count(*) FROM pg_stat_activity WHERE state = 'active' AND query LIKE 'SELECT pg_sleep%'")
-        assert (await connection.execute(here)).scalar_one() == 0
+    async with engine.connect() as other:
+        working = asyncio.create_task(work())
+        held = text("SELECT count(*) FROM pg_locks WHERE locktype = 'advisory' AND objid = 7 AND granted")
+        async with asyncio.timeout(20):
+            while not (await other.execute(held)).scalar_one():
+                await other.execute(text("SELECT pg_sleep(0.01)"))
+            working.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await working
+            await other.execute(text("SELECT pg_advisory_lock(7)"))
+            await other.execute(text("SELECT pg_advisory_unlock(7)"))
+            assert (await other.execute(COUNT)).scalar_one() == 0

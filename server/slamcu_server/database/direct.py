@@ -8,6 +8,7 @@ SQLSTATE stands for (IntegrityError and others). Results have no `rowcount`: ask
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import lru_cache
@@ -50,6 +51,10 @@ class _Direct(AsyncConnection):
         asked, names = _positional(statement, self.dialect)
         try:
             rows = await self._driver.fetch(asked, *[parameters[name] for name in names])
+        except asyncio.CancelledError:
+            # as SQLAlchemy does: nobody knows what the session has come to hold, such as a lock that no rollback frees
+            await self.invalidate()
+            raise
         except (asyncpg.PostgresError, asyncpg.InterfaceError) as error:
             lost = self._driver.is_closed()
             if lost:
