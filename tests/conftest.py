@@ -73,35 +73,39 @@ def ctrl_c() -> Iterator[None]:
 
 
 @pytest.fixture
-def interrupted(ctrl_c: None) -> Callable[..., subprocess.CompletedProcess[str]]:
+def interrupted(ctrl_c: None, tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
     """Return a function that runs a program and all it starts until Ctrl-C comes, so many seconds after its beginning.
 
     Its beginning is when the interpreter is up and has come to the program's own first module: what a busy machine
-    takes to get there is nothing that the program could answer for.
+    takes to get there is nothing that the program could answer for. What it says goes into a file: a pipe would be full
+    of imports, and keep it from going on.
     """
+    told = tmp_path / "told-on-stderr"
 
     def run(
         program: str, *arguments: str, after_s: float, environment: Mapping[str, str] = os.environ
     ) -> subprocess.CompletedProcess[str]:
-        process = subprocess.Popen(
-            [Path(sys.executable).with_name(program), *arguments],
-            env={**environment, "PYTHONPROFILEIMPORTTIME": "1"},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-        assert process.stderr is not None
+        with told.open("w") as stderr:
+            process = subprocess.Popen(
+                [Path(sys.executable).with_name(program), *arguments],
+                env={**environment, "PYTHONPROFILEIMPORTTIME": "1"},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=stderr,
+                text=True,
+                start_new_session=True,
+            )
         try:
-            next(line for line in process.stderr if "slamcu_core.program" in line)
+            while "slamcu_core.program" not in told.read_text():
+                assert process.poll() is None, told.read_text()
+                time.sleep(0.005)
             time.sleep(after_s)
             os.killpg(process.pid, signal.SIGINT)
-            said, remarks = process.communicate(timeout=60)  # also until nothing is left that it has started
+            said, _ = process.communicate(timeout=60)  # also until nothing is left that it has started
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
-        lines = [line for line in remarks.splitlines() if not line.startswith("import time:")]
+        lines = [line for line in told.read_text().splitlines() if not line.startswith("import time:")]
         return subprocess.CompletedProcess(process.args, process.returncode, said, "\n".join(lines))
 
     return run
