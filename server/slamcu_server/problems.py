@@ -100,8 +100,8 @@ def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
 
 async def _on_http_exception(_: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)  # noqa: S101  (registered for this type)
-    if error.status_code == 400 and not isinstance(error, Problem):  # FastAPI's word for a body that is no text
-        return _invalid([{"field": "body", "detail": "expected JSON in UTF-8"}])
+    if error.status_code == 400 and not isinstance(error, Problem):  # FastAPI's word for a body that is no text, or too deep
+        return _invalid([{"field": "body", "detail": "cannot be read; expected JSON in UTF-8"}])
     code = error.code if isinstance(error, Problem) else None
     members = error.members if isinstance(error, Problem) else None
     return problem_response(error.status_code, error.detail, code=code, headers=error.headers, members=members)

@@ -65,8 +65,8 @@ async def test_an_unexpected_error_shows_nothing_and_is_logged(
 @pytest.mark.parametrize(
     ("body", "wrong"),
     [
-        (b'{"decision": "\xc3"}', "expected JSON in UTF-8"),
-        (b"[" * 100_000, "expected JSON in UTF-8"),
+        (b'{"decision": "\xc3"}', "cannot be read; expected JSON in UTF-8"),
+        (b"[" * 100_000, "cannot be read; expected JSON in UTF-8"),
         (b'{"decision": accept}', "expected JSON: Expecting value at character 13"),
     ],
     ids=["latin", "deep", "bare"],
