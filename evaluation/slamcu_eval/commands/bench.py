@@ -78,7 +78,7 @@ def register(app: typer.Typer) -> None:
         rounds: Annotated[int, typer.Option(min=1, help="Rounds of what takes turns.")] = 5,
         scale: Annotated[Scale, typer.Option(help="How far the curves go; full takes an hour or more.")] = Scale.SMALL,
         requests: Annotated[int, typer.Option(min=4, max=100, help="Requests per round.")] = 40,
-        messages: Annotated[int, typer.Option(min=20, help="Messages that wait per round of the aggregation.")] = 1_000,
+        messages: Annotated[int, typer.Option(min=20, help="Messages that wait per round of the aggregation.")] = 4_000,
         seed: Annotated[int, typer.Option(min=0, help="Seed of what is simulated.")] = 0,
         json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
     ) -> None:
