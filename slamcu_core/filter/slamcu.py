@@ -9,9 +9,8 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from slamcu_core.drive import DetectionFrame, DriveHeader, GnssFix, ObjectFrame, Odometry, Record
+from slamcu_core.drive import DetectionFrame, DriveHeader, ObjectFrame, Odometry, Record
 from slamcu_core.errors import FilterLostError
 from slamcu_core.filter import existence
 from slamcu_core.filter.beliefs import Beliefs
@@ -39,8 +38,6 @@ from slamcu_core.filter.whereabouts import Whereabouts
 from slamcu_core.geometry import LocalFrame, compass_to_math
 from slamcu_core.hd_map import HDMap
 from slamcu_core.reports import Doubt, Health, PassReport
-
-Array = NDArray[np.float64]
 
 
 class SlamcuFilter:
@@ -158,8 +155,6 @@ class SlamcuFilter:
         self._before_silence: Health | None = None  # under which the last record ended passes, if it broke a silence
         self._lost: str | None = None  # why no record is taken any more
 
-    # --- what comes in ---------------------------------------------------------------------------------------------
-
     def feed(self, record: Record) -> list[PassReport]:
         """Take the next record of the drive and return the passes that it ended.
 
@@ -184,17 +179,19 @@ class SlamcuFilter:
         return ended + self._by_kind(record)
 
     def _by_kind(self, record: Record) -> list[PassReport]:
-        if isinstance(record, Odometry):
-            self._reckoning.tell(record)
-            return []
-        if isinstance(record, GnssFix):
-            self._fix(record)
-            return []
-        sensor = self._sensors[record.sensor]
+        if isinstance(record, DetectionFrame):
+            return self._frame(record, self._sensors[record.sensor])
         if isinstance(record, ObjectFrame):
+            sensor = self._sensors[record.sensor]
             sensor.occluders, sensor.occluders_at = record.items, record.t
-            return []
-        return self._frame(record, sensor)
+        elif isinstance(record, Odometry):
+            self._reckoning.tell(record)
+        else:
+            self._reckoning.advance(record.t)
+            self._particles.settle(self._rng)
+            if not self._whereabouts.take_fix(record):
+                self._resample()
+        return []
 
     def _fall_silent(self) -> list[PassReport]:
         """End what hangs on knowing how the car moves, where odometry was good for the last time."""
@@ -214,18 +211,10 @@ class SlamcuFilter:
         self._reckoning.advance(self.time)
         return self._closing.all()
 
-    def _fix(self, record: GnssFix) -> None:
-        self._reckoning.advance(record.t)
-        self._particles.settle(self._rng)
-        if not self._whereabouts.take_fix(record):
-            self._resample()
-
     def _resample(self) -> None:
         fraction, jitter = self.parameters.resample_fraction, self.parameters.jitter
         if resample(self._particles, fraction, jitter, self._rng, leave_open=self._frames.in_doubt):
             self._hindsight.learn()
-
-    # --- one frame -------------------------------------------------------------------------------------------------
 
     def _frame(self, record: DetectionFrame, sensor: SensorAtWork) -> list[PassReport]:
         seen = read_detections(sensor.model, record.items, self._names)
@@ -259,8 +248,6 @@ class SlamcuFilter:
         else:
             self._particles.settle(self._rng)
         return ended + self._closing.out_of_view(record.t)
-
-    # --- what is believed -------------------------------------------------------------------------------------------
 
     @property
     def time(self) -> float:
