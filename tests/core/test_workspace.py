@@ -147,10 +147,11 @@ def test_a_source_archive_is_whole(name: str, tmp_path: Path) -> None:
     _build(tmp_path / archive.name.removesuffix(".tar.gz"), "wheel", tmp_path)
     (wheel,) = tmp_path.glob("*.whl")
     with zipfile.ZipFile(wheel) as built:
-        files = {path.split("/", 1)[1]: built.read(path) for path in built.namelist()}
+        files = {path.split("/", 1)[-1]: built.read(path) for path in built.namelist()}
     assert files["licenses/LICENSE"] == (ROOT / "LICENSE").read_bytes()
     assert b"\nDescription-Content-Type: text/markdown" in files["METADATA"]
     assert "py.typed" in files
+    assert ("slamcu_vehicle.py" in files) == (name == "slamcu-client")
     assert ("migrations/env.py" in files) == (name == "slamcu-server")
 
 
