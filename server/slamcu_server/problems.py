@@ -100,7 +100,7 @@ def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
 
 async def _on_http_exception(_: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)  # noqa: S101  (registered for this type)
-    if error.status_code == 400 and not isinstance(error, Problem):  # FastAPI's word for a body that is no text, or too deep
+    if error.status_code == 400 and not isinstance(error, Problem):  # FastAPI's word for a body it cannot read
         return _invalid([{"field": "body", "detail": "cannot be read; expected JSON in UTF-8"}])
     code = error.code if isinstance(error, Problem) else None
     members = error.members if isinstance(error, Problem) else None
