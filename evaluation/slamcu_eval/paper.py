@@ -6,7 +6,6 @@ Each drive has a world of its own, so that neither signs nor biases are shared a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from slamcu_core.drive import DetectionFrame
 from slamcu_core.filter import FeatureEstimate, FilterParameters, SlamcuFilter
 from slamcu_core.reports import PassReport
-from slamcu_eval.copies import in_copies
+from slamcu_eval.copies import run_all
 from slamcu_eval.curves import feature_curves
 from slamcu_eval.highway import Drive, HighwayParameters, World, make_drive, make_world
 from slamcu_eval.machine import machine
@@ -186,11 +185,7 @@ def run_drives(
     if jobs <= 1:
         return list(_one_by_one(drives, seed, particles, parameters, done))
     calls = [partial(run_drive, seed, drive, particles, parameters) for drive in range(drives)]
-    with in_copies(jobs, calls) as futures:
-        for future in as_completed(futures):
-            future.result()
-            done()
-        return [future.result() for future in futures]
+    return run_all(jobs, calls, done)
 
 
 def _one_by_one(

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from slamcu_core.filter import FilterParameters
 from slamcu_eval.ablation.parts import replaced
 from slamcu_eval.ablation.variants import VARIANTS
-from slamcu_eval.copies import in_copies
+from slamcu_eval.copies import run_all
 from slamcu_eval.fleet import drive_vehicle
 from slamcu_eval.highway import HighwayParameters
 from slamcu_eval.mrclam.experiment import robot_run
@@ -116,8 +115,4 @@ def run_ablation(
             if VARIANTS[variant].on_robots
         ]
     begin(len(tasks))
-    with in_copies(min(jobs, len(tasks)) or 1, [task.run for task in tasks]) as futures:
-        for future in as_completed(futures):
-            future.result()
-            done()
-        return [future.result() for future in futures]
+    return run_all(min(jobs, len(tasks)) or 1, [task.run for task in tasks], done)
