@@ -160,6 +160,7 @@ def _server(app: FastAPI, settings: Settings) -> _Server:
         access_log=False,  # the middleware has one, without secrets
         server_header=False,
         lifespan="on",
+        timeout_keep_alive=settings.keep_alive_s,
         timeout_graceful_shutdown=max(1, round(settings.shutdown_grace_s)),
     )
     return _Server(config)

@@ -78,6 +78,13 @@ class Settings(BaseSettings):
     port: int = Field(8000, ge=0, le=65535, description="0 takes any free port.")
     log_level: Literal["debug", "info", "warning", "error"] = "info"
     shutdown_grace_s: float = Field(5.0, gt=0, le=60, description="How long requests under way may take at shutdown.")
+    keep_alive_s: int = Field(
+        75,
+        ge=1,
+        le=3600,
+        description="How long an idle connection is kept: longer than clients and proxies keep theirs, which send on a "
+        "connection that is just being closed.",
+    )
 
     worker_port: int | None = Field(
         None, ge=0, le=65535, description="Where a worker process answers /livez, /readyz and /metrics; unset: nowhere."

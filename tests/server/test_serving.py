@@ -9,7 +9,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import closing, contextmanager
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +112,35 @@ def test_it_serves_and_stops(live_server: Any, vehicle_headers: dict[str, str]) 
     assert "Traceback" not in log
     with pytest.raises(httpx.ConnectError):
         httpx.get(f"{live_server.url}/livez")
+
+
+@contextmanager
+def kept_connection(url: str) -> Iterator[HTTPConnection]:
+    """Give a connection on which the server has answered once."""
+    address = httpx.URL(url)
+    with closing(HTTPConnection(address.host, address.port, timeout=60)) as connection:
+        assert status_of_livez(connection) == 200
+        yield connection
+
+
+def status_of_livez(connection: HTTPConnection) -> int:
+    connection.request("GET", "/livez")
+    answer = connection.getresponse()
+    answer.read()
+    return answer.status
+
+
+def test_an_idle_connection_is_kept_for_longer_than_clients_use_it(live_server: Any) -> None:
+    with kept_connection(live_server.url) as connection:
+        time.sleep((httpx.Limits().keepalive_expiry or 0.0) + 1.0)
+        assert status_of_livez(connection) == 200
+
+
+def test_an_idle_connection_is_closed_in_the_end(server_process: Any) -> None:
+    server_process.environment["SLAMCU_KEEP_ALIVE_S"] = "1"
+    server_process.start()
+    with kept_connection(server_process.url) as connection:
+        assert connection.sock.recv(1) == b""
 
 
 def test_it_stops_while_a_client_dawdles(server_process: Any, vehicle_headers: dict[str, str]) -> None:
