@@ -8,13 +8,15 @@ from __future__ import annotations
 import socket
 import threading
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import httpx
 
 from slamcu_client.errors import Fault, TransportError
+
+_SAFE = frozenset({"GET", "HEAD"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +51,9 @@ class Transport(Protocol):
 class HttpxTransport:
     """Carry requests with httpx.
 
-    Redirects are not followed: they would carry the API key elsewhere, and on the road they come from hotspots.
+    Redirects are not followed: they would carry the API key elsewhere, and on the road they come from hotspots. A
+    connection that was kept may be closed by the other side in the moment it is used again; a GET is then sent once
+    more, over a new one (RFC 9110, 9.2.2). Of others nobody knows whether they were taken: their senders decide.
 
     Parameters
     ----------
@@ -137,10 +141,13 @@ class _Lane:
             timeout=timeout, follow_redirects=False, verify=tls, limits=httpx.Limits(max_connections=1)
         )
         self.is_cut = False
+        self.is_kept = False  # whether the connection has carried an exchange before this one
         self._socket: socket.socket | None = None
 
     def trace(self, event: str, info: Mapping[str, Any]) -> None:
         """Take note of the connection; httpcore calls this with what it does."""
+        if event.endswith("connect_tcp.started"):
+            self.is_kept = False
         if event.endswith(("connect_tcp.complete", "start_tls.complete")):
             self._socket = info["return_value"].get_extra_info("socket")
             if self.is_cut:
@@ -189,13 +196,7 @@ class _Exchange:
     def _receive(self) -> Response:
         request = self.request
         body = bytearray()
-        with self.lane.client.stream(
-            request.method,
-            request.url,
-            headers=dict(request.headers),
-            content=request.content or None,
-            extensions={"trace": self.lane.trace},
-        ) as answer:
+        with closing(self._answer()) as answer:
             for chunk in answer.iter_bytes():
                 body += chunk
                 if len(body) > self._max_answer_bytes:
@@ -204,6 +205,24 @@ class _Exchange:
                     )
             headers = {name.lower(): value for name, value in answer.headers.items()}
             return Response(answer.status_code, headers, bytes(body))
+
+    def _answer(self) -> httpx.Response:
+        """Return the answer as it begins, to the request sent again if a connection that was kept broke off before."""
+        lane, request = self.lane, self.request
+        sent = lane.client.build_request(
+            request.method,
+            request.url,
+            headers=dict(request.headers),
+            content=request.content or None,
+            extensions={"trace": lane.trace},
+        )
+        lane.is_kept = True  # until a new one is made
+        try:
+            return lane.client.send(sent, stream=True)
+        except (httpx.NetworkError, httpx.RemoteProtocolError):
+            if not lane.is_kept or lane.is_cut or request.method not in _SAFE:
+                raise
+        return lane.client.send(sent, stream=True)
 
 
 def _failed(fault: Fault, message: str, request: Request, cause: Exception) -> TransportError:

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import socket
+import struct
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import closing, suppress
 
 import pytest
 
@@ -10,6 +12,8 @@ from slamcu_client import HttpxTransport, Request, TransportError
 from slamcu_client.errors import Fault
 
 OK = b"HTTP/1.1 200 OK\r\nContent-Type: text/plain\r\nX-Mixed-Case: yes\r\n"
+HELLO = OK + b"Content-Length: 5\r\n\r\nhello"
+Talk = Callable[[socket.socket], None]
 
 
 @pytest.fixture
@@ -19,20 +23,24 @@ def over() -> threading.Event:
 
 
 @pytest.fixture
-def speaks(over: threading.Event) -> Iterator[Callable[[Callable[[socket.socket], None]], str]]:
-    """`speaks(talk)`: the URL of a server that lets `talk` answer one request over the bare socket."""
+def speaks(over: threading.Event) -> Iterator[Callable[..., str]]:
+    """`speaks(talk, ...)`: the URL of a server that lets each `talk` answer over the bare socket of a connection.
+
+    A talk begins when the first request has been read; it may read more. There are no more connections than talks.
+    """
     listener = socket.create_server(("127.0.0.1", 0))
     threads: list[threading.Thread] = []
 
-    def start(talk: Callable[[socket.socket], None]) -> str:
+    def start(*talks: Talk) -> str:
         def work() -> None:
-            connection, _ = listener.accept()
-            with connection:
-                connection.recv(65536)
+            for talk in talks:
                 try:
-                    talk(connection)
+                    connection, _ = listener.accept()
                 except OSError:
-                    return  # the client has hung up, as it may
+                    return  # the test is over
+                with connection, suppress(OSError):  # the client may hang up
+                    connection.recv(65536)
+                    talk(connection)
 
         thread = threading.Thread(target=work, daemon=True)
         thread.start()
@@ -41,6 +49,8 @@ def speaks(over: threading.Event) -> Iterator[Callable[[Callable[[socket.socket]
 
     yield start
     over.set()
+    with suppress(OSError):
+        listener.shutdown(socket.SHUT_RDWR)
     for thread in threads:
         thread.join(10.0)
     listener.close()
@@ -161,6 +171,67 @@ def test_one_connection_serves_many_requests(speaks, transport) -> None:
 
     url = speaks(talk)  # accepts one connection only
     assert [transport.send(Request("GET", url)).content for _ in range(2)] == [b"hello"] * 2
+
+
+def hang_up(connection: socket.socket) -> None:
+    connection.close()
+
+
+def reset(connection: socket.socket) -> None:
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    connection.close()
+
+
+def tear_off(connection: socket.socket) -> None:
+    connection.sendall(HELLO[:-1])
+    connection.close()
+
+
+class Kept:
+    """A connection that is good for one exchange and ends when it is used again, and those that come after it."""
+
+    def __init__(self, end: Talk, after: Talk) -> None:
+        self._end, self._after = end, after
+        self.requests = 0
+
+    def first(self, connection: socket.socket) -> None:
+        self.requests += 1
+        connection.sendall(HELLO)
+        if connection.recv(65536):
+            self.requests += 1
+            self._end(connection)
+
+    def later(self, connection: socket.socket) -> None:
+        self.requests += 1
+        self._after(connection)
+
+    def again(self, speaks: Callable[..., str], method: str) -> tuple[Fault | bytes, int]:
+        """Ask twice, and return what the second brings and how many requests the server has seen."""
+        url = speaks(self.first, self.later, self.later)
+        with closing(HttpxTransport()) as transport:
+            assert transport.send(Request("GET", url)).content == b"hello"
+            try:
+                return transport.send(Request(method, url)).content, self.requests
+            except TransportError as error:
+                return error.fault, self.requests
+
+
+@pytest.mark.parametrize("end", [hang_up, reset])
+def test_a_get_survives_the_end_of_the_connection_that_was_kept_for_it(speaks, end) -> None:
+    assert Kept(end, lambda connection: connection.sendall(HELLO)).again(speaks, "GET") == (b"hello", 3)
+
+
+@pytest.mark.parametrize("end", [hang_up, reset])
+def test_of_a_post_nobody_knows_whether_it_was_taken_so_it_is_not_sent_again(speaks, end) -> None:
+    assert Kept(end, lambda connection: connection.sendall(HELLO)).again(speaks, "POST") == (Fault.INTERRUPTED, 2)
+
+
+def test_a_new_connection_that_ends_is_not_tried_again(speaks) -> None:
+    assert Kept(hang_up, hang_up).again(speaks, "GET") == (Fault.INTERRUPTED, 3)
+
+
+def test_an_answer_that_had_begun_is_not_asked_for_again(speaks) -> None:
+    assert Kept(tear_off, lambda connection: connection.sendall(HELLO)).again(speaks, "GET") == (Fault.INTERRUPTED, 2)
 
 
 def test_what_fails_unforeseen_is_raised_where_it_was_asked_for(speaks, transport, monkeypatch) -> None:
