@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import gzip
 import io
-import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, cast
 
 from slamcu_client.atomic_file import replacing
 from slamcu_core.errors import FormatError
 from slamcu_core.formats import load_hd_map
+from slamcu_core.formats.packing import pieces, unpacked, unpacking
 from slamcu_core.hd_map import HDMap
 
-_GZIP = b"\x1f\x8b"
-_PIECE = 64 * 1024
+_BUFFER = 64 * 1024
 _LONGEST_LINE = 16 * 2**20
 
 
@@ -32,26 +29,22 @@ class InputFile:
 
     def __init__(self, path: Path) -> None:
         self.path, self.size = path, path.stat().st_size
-        self._raw = path.open("rb", buffering=0)
-        packed = self._raw.read(2) == _GZIP
-        self._raw.seek(0)
-        stream = cast("IO[bytes]", gzip.GzipFile(fileobj=self._raw)) if packed else self._raw
-        self._stream = io.BufferedReader(cast("io.RawIOBase", stream), _PIECE)
+        self._file: io.BufferedReader = io.BufferedReader(path.open("rb", buffering=0), _BUFFER)
+        self._stream = unpacked(self._file)
 
     @property
     def position(self) -> int:
         """Bytes of the file on disk that have been read, of `size`."""
-        return self._raw.tell()
+        return self._file.raw.tell()
 
     def close(self) -> None:
         """Close the file."""
-        self._stream.close()
-        self._raw.close()
+        self._file.close()
 
     def lines(self) -> Iterator[bytes]:
         """Iterate over the lines; raises FormatError where a line has no end or the packing is broken."""
         number = 0
-        with self._unpacking():
+        with unpacking(str(self.path)):
             while line := self._stream.readline(_LONGEST_LINE):
                 number += 1
                 if len(line) == _LONGEST_LINE:
@@ -60,16 +53,7 @@ class InputFile:
 
     def pieces(self) -> Iterator[bytes]:
         """Iterate over the content in pieces; raises FormatError where the packing is broken."""
-        with self._unpacking():
-            while piece := self._stream.read(_PIECE):
-                yield piece
-
-    @contextmanager
-    def _unpacking(self) -> Iterator[None]:
-        try:
-            yield
-        except (gzip.BadGzipFile, zlib.error, EOFError) as error:
-            raise FormatError(f"the gzip packing is broken: {error}", source=str(self.path)) from error
+        return pieces(self._stream, str(self.path))
 
 
 @contextmanager

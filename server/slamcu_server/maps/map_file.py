@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import gzip
-import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
-from typing import IO, cast
 
-from slamcu_core.errors import FormatError
 from slamcu_core.formats import HDMapReader, Lanelet2Reader, read_hd_map, read_lanelet2
-
-_GZIP = b"\x1f\x8b"
-_PIECE = 64 * 1024
+from slamcu_core.formats.packing import pieces, unpacked
 
 
 class MapFormat(StrEnum):
@@ -42,13 +36,4 @@ def opened(path: Path) -> Iterator[Iterator[bytes]]:
     Raises OSError if the file cannot be read, FormatError if the packing is broken.
     """
     with path.open("rb") as file:
-        packed = file.peek(len(_GZIP)).startswith(_GZIP)  # no seeking: it may be a pipe
-        yield _pieces(cast("IO[bytes]", gzip.GzipFile(fileobj=file)) if packed else file, str(path))
-
-
-def _pieces(file: IO[bytes], source: str) -> Iterator[bytes]:
-    try:
-        while piece := file.read(_PIECE):
-            yield piece
-    except (gzip.BadGzipFile, zlib.error, EOFError) as error:
-        raise FormatError(f"the gzip packing is broken: {error}", source=source) from error
+        yield pieces(unpacked(file), str(path))
