@@ -70,7 +70,7 @@ class FoundArchive:
     def put(self, table: FeatureTable, row: int, frame: LocalFrame) -> None:
         """Take a row over from the table, whose coordinates are metres in `frame`, and release it there."""
         if len(self._rows) >= self._most:
-            self._drop(next(iter(self._rows)))
+            self.drop(next(iter(self._rows)))
         kept = self.table.take_over(table, row)
         place = np.array(frame.to_geographic(table.xy[row]))
         self.table.xy[kept] = place
@@ -105,15 +105,16 @@ class FoundArchive:
         back = table.take_over(self.table, row)
         table.xy[back] = self.place(row, frame)
         table.view_from[back] = self.seen_from(row, frame) * table.view_weight[back]
-        self._drop(row)
+        self.drop(row)
         return back
 
     def clear(self) -> None:
         """Forget everything."""
         for row in self.rows():
-            self._drop(row)
+            self.drop(row)
 
-    def _drop(self, row: int) -> None:
+    def drop(self, row: int) -> None:
+        """Forget a row."""
         cell = self._rows.pop(row)
         self._cells[cell].remove(row)
         if not self._cells[cell]:

@@ -219,6 +219,11 @@ class HealthMonitor:
         return self._asked is not None and self._asked.vouches and not self.doubtful
 
     @property
+    def in_order(self) -> bool:
+        """Whether nothing speaks against the pose."""
+        return self._against <= 0.0
+
+    @property
     def doubtful(self) -> bool:
         """Whether there is reason to look for a better pose."""
         return self._against > _DOUBT

@@ -38,6 +38,7 @@ class MapManagement:
         self._notes = SightingNotes(table)
         self.open: set[int] = set()  # rows with an open pass
         self._none_ends_before = 0.0  # s: no pass can have lasted its gap until then
+        self._finds = 0  # of the drive
 
     def update_existence(
         self,
@@ -176,13 +177,13 @@ class MapManagement:
         table = self._table
         places = self._put(sensor, seen, alone, slots, now)
         rows = table.take(len(alone))
-        for row in rows.tolist():
-            self._notes.forget(row)  # of a find that had this row before and was left behind
         table.kind[rows], table.slot[rows] = Kind.NEW, slots
         table.feature_class[rows] = seen.feature_class[alone]
         table.sign[rows], table.value[rows] = seen.sign[alone], seen.value[alone]
         table.nominal[rows] = sensor.model.sensor.detection_probability
         table.born[rows] = now.t
+        table.number[rows] = self._finds + 1 + np.arange(len(rows))
+        self._finds += len(rows)
         table.hits[rows] = 1
         table.xy[rows] = (places @ self._particles.weights).T
         table.axis[rows] = math.cos(now.reckoned[2]), math.sin(now.reckoned[2])
@@ -234,9 +235,10 @@ class MapManagement:
         refuted = table.weight_against[own] - table.weight_for[own] > 1.0
         if np.count_nonzero(refuted):
             for row in own[refuted].tolist():
-                self._forget(row)
+                self.forget(row)
 
-    def _forget(self, row: int) -> None:
+    def forget(self, row: int) -> None:
+        """Forget a find."""
         self.open.discard(row)
         self._notes.forget(row)
         self._table.release(row)
@@ -259,17 +261,22 @@ class MapManagement:
         table.hits[mapped] += table.hits[find]
         table.pass_start[mapped] = min(table.pass_start[mapped], table.pass_start[find])
         table.pass_last[mapped] = max(table.pass_last[mapped], table.pass_last[find])
-        self._forget(find)
+        self.forget(find)
 
     def start_over(self) -> None:
         """Forget what was believed from a wrong pose: the car's own finds, all evidence of the drive, open passes."""
         table = self._table
         for row in ((table.kind == Kind.NEW) & table.alive).nonzero()[0].tolist():
-            self._forget(row)
+            self.forget(row)
         table.weight_for[:] = table.weight_against[:] = 0.0
+        self._around.forget_behind()
+        self.drop_passes()
+
+    def drop_passes(self) -> None:
+        """Drop all open passes, of which no report is made."""
+        table = self._table
         table.open[:] = False
         table.slot[table.kind == Kind.WATCH] = -1
-        self._around.forget_behind()
         self.open.clear()
 
     def end_passes(self, rows: Iterable[int]) -> list[int]:
@@ -280,7 +287,7 @@ class MapManagement:
             if table.kind[row] == Kind.NEW and not table.reported[row]:
                 one = np.array([row], dtype=np.intp)
                 if not (existence.exists(table, one) & self._proven(one))[0]:
-                    self._forget(row)
+                    self.forget(row)
                     continue
                 table.reported[row] = True
             worth.append(row)

@@ -12,6 +12,7 @@ from slamcu_core.filter.archive import FoundArchive, MapLedger
 from slamcu_core.filter.ekf import turned
 from slamcu_core.filter.hindsight import Hindsight
 from slamcu_core.filter.particles import Particles
+from slamcu_core.filter.sightings import move_sightings
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
 from slamcu_core.geometry import LocalFrame
 from slamcu_core.hd_map import HDMap
@@ -132,11 +133,15 @@ class Neighbourhood:
             self.found.put(table, row, self.frame)
         return np.asarray(own[table.slot[own] >= 0])
 
+    def let_go(self) -> None:
+        """Leave the finds that were left behind where they are, whatever is learnt of the pose."""
+        self._hindsight.let_go()
+
     def part_finds(self, place: Array, particles: Particles) -> None:
         """Take the car's finds from the particles' poses: what is near a place (2,) m is the same for all of them."""
         table = self._table
         self._collapse(((table.slot >= 0) & (table.kind == Kind.NEW)).nonzero()[0], particles)
-        self._hindsight.let_go()
+        self.let_go()
         self.refresh(place, particles, force=True)
 
     def _collapse(self, rows: NDArray[np.intp], particles: Particles) -> None:
@@ -179,17 +184,7 @@ class Neighbourhood:
         table = self._table
         table.xy[:] = move(table.xy)
         table.covariance[:] = turned(cos, -sin, table.covariance.T).T
-        seen = table.seen_information
-        has = np.linalg.det(seen) > 1e-12
-        sighted = np.zeros_like(table.seen_vector)
-        sighted[has] = move(np.linalg.solve(seen[has], table.seen_vector[has][..., None])[..., 0])
-        table.seen_information[:] = rotation @ seen @ rotation.T
-        table.seen_vector[:] = (table.seen_information @ sighted[..., None])[..., 0]
-        table.by_scale[:], table.by_turn[:] = table.by_scale @ rotation.T, table.by_turn @ rotation.T
-        looked = table.view_weight > 0.0
-        table.view_from[looked] = (
-            move(table.view_from[looked] / table.view_weight[looked, None]) * table.view_weight[looked, None]
-        )
+        move_sightings(table, np.arange(len(table)), move, turn)
         self.frame = new
         self._centre = None
         return True

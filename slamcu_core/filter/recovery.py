@@ -62,8 +62,7 @@ class Recovery:
         fits = seen.feature_class[:, None] == table.feature_class[rows]
         fits &= (seen.sign[:, None] == signs) | (seen.sign[:, None] == 0) | (signs == 0)
         mean, _ = particles.mean_state()
-        here = Motion(float(mean[2] - reckoned[2]), np.zeros(2))
-        here = Motion(here.angle, mean[:2] - here.apply(reckoned[:2]))
+        here = Motion.between(reckoned, mean)
         before, self._candidate = self._candidate, None
         explained = 0 if anywhere else agreement(seen, here, table.xy[rows], fits)
         if explained > _FITS * len(seen.place):

@@ -53,6 +53,20 @@ class Motion:
     angle: float  # rad
     shift: Array  # (2,) m
 
+    @classmethod
+    def between(cls, reckoned: Array, pose: Array) -> Motion:
+        """Return the motion that takes a pose by dead reckoning (3,) to one in the map's frame."""
+        turn = cls(float(pose[2] - reckoned[2]), np.zeros(2))
+        return cls(turn.angle, pose[:2] - turn.apply(reckoned[:2]))
+
+    @classmethod
+    def fitted(cls, places: Array, targets: Array) -> Motion:
+        """Return the motion that brings places (N, 2) closest to their targets (N, 2), by least squares."""
+        middle, target = places.mean(axis=0), targets.mean(axis=0)
+        (x, y), (u, v) = (places - middle).T, (targets - target).T
+        turn = cls(float(np.arctan2((x * v - y * u).sum(), (x * u + y * v).sum())), np.zeros(2))
+        return cls(turn.angle, target - turn.apply(middle))
+
     def apply(self, place: Array) -> Array:
         """Move places (..., 2)."""
         cos, sin = np.cos(self.angle), np.sin(self.angle)

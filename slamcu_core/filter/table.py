@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Columns = dict[str, NDArray[Any]]  # rows of a table, by column
 
 
 class Kind:
@@ -34,6 +35,7 @@ _COLUMNS: dict[str, tuple[type, tuple[int, ...]]] = {
     "prior": (np.float64, ()),  # weight of eq. 3
     "hits": (np.int64, ()),
     "born": (np.float64, ()),
+    "number": (np.int64, ()),  # of a find in the drive, from 1
     "passes": (np.int64, ()),
     "nominal": (np.float64, ()),  # P_D of the sensor that found it
     # the open pass
@@ -96,6 +98,7 @@ class FeatureTable:
     weight_against: Array
     hits: NDArray[np.int64]
     born: Array
+    number: NDArray[np.int64]
     passes: NDArray[np.int64]
     nominal: Array
     open: NDArray[np.bool_]
@@ -169,6 +172,19 @@ class FeatureTable:
             store[mine] = other._store[name][row]
         self.slot[mine] = -1
         return mine
+
+    def copied(self, rows: NDArray[np.intp]) -> Columns:
+        """Return a copy of rows, by column."""
+        return {name: store[rows] for name, store in self._store.items()}
+
+    def paste(self, columns: Columns) -> NDArray[np.intp]:
+        """Take rows into use for copies of rows, and return their indices; they have no slot and no open pass."""
+        rows = self.take(len(columns["kind"]))
+        for name, values in columns.items():
+            self._store[name][rows] = values
+        self.slot[rows] = -1
+        self.open[rows] = False
+        return rows
 
     def release(self, row: int) -> None:
         """Give a row up, to be used again."""

@@ -55,3 +55,13 @@ def test_a_constellation_holds_each_thing_once_and_nothing_that_was_seen_once() 
 
 def test_a_memory_without_sightings_has_no_constellation() -> None:
     assert not len(Memory(20.0).constellation().place)
+
+
+def test_a_motion_fitted_to_places_is_the_one_that_moved_them() -> None:
+    truth, places = Motion(-0.4, np.array([3.0, 7.0])), np.random.default_rng(5).uniform(-10.0, 10.0, (6, 2))
+    fitted = Motion.fitted(places, truth.apply(places))
+    assert fitted.angle == pytest.approx(truth.angle)
+    assert fitted.shift == pytest.approx(truth.shift)
+    pose = np.array([*truth.apply(places[0]), truth.angle + 0.2])
+    between = Motion.between(np.array([*places[0], 0.2]), pose)
+    assert (between.angle, *between.shift) == pytest.approx((truth.angle, *truth.shift))
