@@ -33,6 +33,7 @@ _RECKONED_S = 120.0  # s; after a longer way dead reckoning agrees by chance ...
 _AGREES_M = 0.5  # ... within so much
 _BEFORE_S = 30.0  # s before the sum rose, if no pose agrees: what shows a wrong pose takes a while to show
 _LEFT = 2.0  # most by which what is believed again outweighs what is against it: a mass of 0.86 with nothing against
+_LEFT_OF_FINDS = 0.65  # of finds, which may be of an earlier wrong pose: a few misses refute them
 
 
 class _OfMap(NamedTuple):
@@ -171,7 +172,7 @@ class Retrospect:
                 found.drop(row)
         rows = table.paste(moment.finds)
         against = table.weight_against[rows]
-        table.weight_for[rows] = np.minimum(table.weight_for[rows], against + _LEFT)
+        table.weight_for[rows] = np.minimum(table.weight_for[rows], against + _LEFT_OF_FINDS)
         table.weight_against[rows] = np.minimum(against, table.weight_for[rows] + _LEFT)
 
 
