@@ -120,7 +120,7 @@ async def serve(settings: Settings, *, ready: Callable[[str], None]) -> None:
         try:
             if await _first(serving, server.listening.wait()):
                 _collect_less()
-                _stop_on_ctrl_c(stop)
+                await _stop_on_ctrl_c(stop)
                 ready(_url(settings.host, listener))
                 await _first(serving, stop.wait())
         finally:
@@ -148,7 +148,7 @@ async def work(settings: Settings, *, ready: Callable[[], None]) -> None:
         _collect_less()
         supervisor.start()
         stack.push_async_callback(supervisor.stop, _WORKER_GRACE_S)
-        _stop_on_ctrl_c(stop)
+        await _stop_on_ctrl_c(stop)
         ready()
         await stop.wait()
 
@@ -206,9 +206,10 @@ async def _stop_signal() -> AsyncIterator[asyncio.Event]:
             loop.remove_signal_handler(number)
 
 
-def _stop_on_ctrl_c(stop: asyncio.Event) -> None:
-    """From now on SIGINT, too, is the order to stop; before, it interrupts the start."""
+async def _stop_on_ctrl_c(stop: asyncio.Event) -> None:
+    """From now on SIGINT, too, is the order to stop; before, it interrupts the start: here at the latest."""
     asyncio.get_running_loop().add_signal_handler(signal.SIGINT, stop.set)
+    await asyncio.sleep(0)
 
 
 async def _first(serving: asyncio.Task[None], event: Coroutine[Any, Any, Any]) -> bool:
