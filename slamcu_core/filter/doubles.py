@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from slamcu_core.filter import existence
 from slamcu_core.filter.detections import Instant
-from slamcu_core.filter.ekf import turned
 from slamcu_core.filter.map_management import MapManagement
+from slamcu_core.filter.moving import move_particles, move_sightings
 from slamcu_core.filter.neighbourhood import Neighbourhood
 from slamcu_core.filter.particles import Particles
-from slamcu_core.filter.relocation import Constellation, Motion, search
-from slamcu_core.filter.sightings import move_sightings
-from slamcu_core.filter.table import FeatureTable, Kind, Sum
+from slamcu_core.filter.relocation import Constellation, Motion, distances, search
+from slamcu_core.filter.table import FeatureTable, Kind
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -41,12 +40,9 @@ class Doubles:
         particles: Particles,
         around: Neighbourhood,
         management: MapManagement,
-        *,
-        evidence_cap: float,
     ) -> None:
         self._table, self._particles = table, particles
         self._around, self._management = around, management
-        self._cap = evidence_cap
         self._last = -np.inf
 
     def undo(self, now: Instant, rng: np.random.Generator) -> Array | None:
@@ -77,7 +73,7 @@ class Doubles:
             return None
         begun = float(table.born[finds[which]].min())
         for find, feature in zip(finds[which].tolist(), gone[of].tolist(), strict=True):
-            self._unite(feature, find)
+            self._management.recognize(feature, find)
         own = (table.alive & (table.kind == Kind.NEW) & (table.slot >= 0)).nonzero()[0]
         since = own[table.born[own] >= begun]
         for row in since[~detected[since]].tolist():
@@ -88,16 +84,13 @@ class Doubles:
         """Return which finds (N,) at places (N, 2) are which of the features gone, by the motion most agree on."""
         none = np.zeros(0, dtype=np.intp)
         table = self._table
-        signs, others = table.sign[finds][:, None], table.sign[gone]
-        fits = table.feature_class[finds][:, None] == table.feature_class[gone]
-        fits &= (signs == others) | (signs == 0) | (others == 0)
         there = table.xy[gone]
-        fits &= np.hypot(*np.moveaxis(places[:, None] - there, -1, 0)) < _SHIFT_M
         seen = Constellation(places, np.full(len(finds), _STD_M), table.feature_class[finds], table.sign[finds])
+        fits = seen.fits(table.feature_class[gone], table.sign[gone]) & (distances(places, there) < _SHIFT_M)
         motion, agreed, rival = search(seen, there, fits)
         if motion is None or agreed <= rival or abs(math.remainder(motion.angle, math.tau)) > _TURN:
             return none, none
-        off = np.where(fits, np.hypot(*np.moveaxis(motion.apply(places)[:, None] - there, -1, 0)), np.inf)
+        off = np.where(fits, distances(motion.apply(places), there), np.inf)
         nearest = off.argmin(axis=1)
         mutual = off.argmin(axis=0)[nearest] == np.arange(len(finds))
         which = (mutual & (off.min(axis=1) < 3.0 * _STD_M)).nonzero()[0]
@@ -108,26 +101,10 @@ class Doubles:
         off = motion.apply(self._table.xy[seen]) - self._table.xy[seen]
         return int(np.count_nonzero(np.hypot(*off.T) > 3.0 * _STD_M))
 
-    def _unite(self, feature: int, find: int) -> None:
-        """Give a feature what its double has shown, but not where; it was missed, for it was looked for elsewhere."""
-        table = self._table
-        weight = min(float(table.weight_for[feature] + table.weight_for[find]), self._cap)
-        table.evidence[feature] = 0.0
-        table.evidence[feature, Sum.WEIGHT_FOR] = weight
-        table.hits[feature] += table.hits[find]
-        table.open[feature] = False
-        self._management.open.discard(feature)
-        self._management.forget(find)
-
     def _move(self, motion: Motion, along: Index, rng: np.random.Generator) -> Array:
         """Move the particles by a motion in the map's frame, with the finds `along` that they place."""
         particles, table = self._particles, self._table
         particles.settle(rng)
-        particles.state[:2] = motion.apply(particles.state[:2].T).T
-        particles.state[2] += motion.angle
-        slots = table.slot[along]
-        particles.means[:, slots] = np.moveaxis(motion.apply(np.moveaxis(particles.means[:, slots], 0, -1)), -1, 0)
-        cos, sin = np.cos([motion.angle]), np.sin([motion.angle])
-        particles.covariances[:, slots] = turned(cos, -sin, particles.covariances[:, slots])
+        move_particles(particles, table.slot[along], motion.apply, motion.angle)
         move_sightings(table, along, motion.apply, motion.angle)
         return particles.mean_state()[0][:2]

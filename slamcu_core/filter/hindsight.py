@@ -10,7 +10,6 @@ Striebel 1965).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from slamcu_core.filter.calibration import Calibrations, GnssBias
 from slamcu_core.filter.ekf import full
+from slamcu_core.filter.moving import rotation_by
 from slamcu_core.filter.particles import Particles
 from slamcu_core.filter.prediction import Travel, linearized
 from slamcu_core.filter.table import FeatureTable, Kind
@@ -135,8 +135,7 @@ class Hindsight:
 
     def move(self, to: Callable[[Array], Array], turn: float) -> None:
         """Go over to another frame by a function of places (2,), where everything is turned by `turn` (rad)."""
-        cos, sin = math.cos(turn), math.sin(turn)
-        rotation = np.array([[cos, -sin], [sin, cos]])
+        rotation = rotation_by(turn)
         by_state = np.eye(len(self._mean))
         by_state[:2, :2] = by_state[_BIAS, _BIAS] = rotation
         self._mean[:2] = to(self._mean[:2])

@@ -263,6 +263,16 @@ class MapManagement:
         table.pass_last[mapped] = max(table.pass_last[mapped], table.pass_last[find])
         self.forget(find)
 
+    def recognize(self, mapped: int, find: int) -> None:
+        """Give a feature of the map what a find has shown, but not where, and forget the find and all misses."""
+        table = self._table
+        table.weight_for[mapped] = min(table.weight_for[mapped] + table.weight_for[find], self._parameters.evidence_cap)
+        table.evidence[mapped, Sum.WEIGHT_AGAINST :] = 0.0
+        table.hits[mapped] += table.hits[find]
+        table.open[mapped] = False
+        self.open.discard(mapped)
+        self.forget(find)
+
     def start_over(self) -> None:
         """Forget what was believed from a wrong pose: the car's own finds, all evidence of the drive, open passes."""
         table = self._table

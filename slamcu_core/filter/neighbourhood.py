@@ -11,8 +11,8 @@ from slamcu_core.evidence import support_of
 from slamcu_core.filter.archive import FoundArchive, MapLedger
 from slamcu_core.filter.ekf import turned
 from slamcu_core.filter.hindsight import Hindsight
+from slamcu_core.filter.moving import move_particles, move_sightings, rotation_by
 from slamcu_core.filter.particles import Particles
-from slamcu_core.filter.sightings import move_sightings
 from slamcu_core.filter.table import FeatureTable, Kind, Vocabulary
 from slamcu_core.geometry import LocalFrame
 from slamcu_core.hd_map import HDMap
@@ -165,24 +165,17 @@ class Neighbourhood:
         old, new = self.frame, LocalFrame(float(lon), float(lat))
         ahead = new.to_local(*old.to_geographic(place + np.array([1.0, 0.0])))
         turn = float(np.arctan2(ahead[1], ahead[0]))
-        rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
 
         def move(xy: Array) -> Array:
             return new.to_local(*old.to_geographic(xy))
 
-        particles.state[:2] = move(particles.state[:2].T).T
-        particles.state[2] += turn
-        swivel = np.eye(3)
-        swivel[:2, :2] = rotation
-        if particles.pending is not None:
-            particles.pending = np.einsum("ij,jak->iak", swivel, particles.pending)
-        particles.means = np.moveaxis(move(np.moveaxis(particles.means, 0, -1)), -1, 0).copy()
-        cos, sin = rotation[:, 0]
-        particles.covariances = turned(cos, -sin, particles.covariances)
+        rotation = rotation_by(turn)
+        move_particles(particles, np.arange(particles.means.shape[1]), move, turn)
         particles.gnss_bias = rotation @ particles.gnss_bias
         self._hindsight.move(move, turn)
         table = self._table
         table.xy[:] = move(table.xy)
+        cos, sin = rotation[:, 0]
         table.covariance[:] = turned(cos, -sin, table.covariance.T).T
         move_sightings(table, np.arange(len(table)), move, turn)
         self.frame = new

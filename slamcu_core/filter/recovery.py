@@ -58,9 +58,7 @@ class Recovery:
         seen = self._memory.constellation()
         if len(seen.place) < _AGREEMENT or len(rows) < _AGREEMENT:
             return None
-        signs = table.sign[rows]
-        fits = seen.feature_class[:, None] == table.feature_class[rows]
-        fits &= (seen.sign[:, None] == signs) | (seen.sign[:, None] == 0) | (signs == 0)
+        fits = seen.fits(table.feature_class[rows], table.sign[rows])
         mean, _ = particles.mean_state()
         here = Motion.between(reckoned, mean)
         before, self._candidate = self._candidate, None

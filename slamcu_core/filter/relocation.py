@@ -45,6 +45,11 @@ class Constellation:
     feature_class: Index
     sign: Index
 
+    def fits(self, feature_class: Index, sign: Index) -> NDArray[np.bool_]:
+        """Return which things could be which features (F,) by class and sign, where it is known, (L, F)."""
+        alike = (self.sign[:, None] == sign) | (self.sign[:, None] == 0) | (sign == 0)
+        return np.asarray((self.feature_class[:, None] == feature_class) & alike)
+
 
 @dataclass(frozen=True, slots=True)
 class Motion:
@@ -142,10 +147,14 @@ class Memory:
         )
 
 
+def distances(places: Array, others: Array) -> Array:
+    """Return how far places (L, 2) are from others (F, 2), (L, F)."""
+    return np.asarray(np.hypot(*np.moveaxis(places[:, None] - others, -1, 0)))
+
+
 def agreement(seen: Constellation, motion: Motion, places: Array, fits: NDArray[np.bool_]) -> int:
     """Count the things seen that a motion lays on features of the map (F, 2), one to one; `fits` (L, F) by kind."""
-    distance = np.hypot(*np.moveaxis(motion.apply(seen.place)[:, None] - places[None], -1, 0))
-    close = fits & (distance < 3.0 * seen.std[:, None])
+    close = fits & (distances(motion.apply(seen.place), places) < 3.0 * seen.std[:, None])
     return int(min(close.any(axis=1).sum(), close.any(axis=0).sum()))
 
 

@@ -41,7 +41,8 @@ class _OfMap(NamedTuple):
 
     source: Index
     prior: Array
-    weights: Array  # (F, 2)
+    weight_for: Array
+    weight_against: Array
 
 
 class _Moment(NamedTuple):
@@ -84,11 +85,7 @@ class Retrospect:
                 self._around.frame,
                 now.reckoned,
                 now.pose,
-                _OfMap(
-                    table.source[rows],
-                    table.prior[rows],
-                    np.stack([table.weight_for[rows], table.weight_against[rows]], axis=1),
-                ),
+                _OfMap(table.source[rows], table.prior[rows], table.weight_for[rows], table.weight_against[rows]),
                 self._finds() if in_order else None,
             )
         )
@@ -113,10 +110,11 @@ class Retrospect:
         if since is None:
             return False
         moment = self._moments[since]
-        weights: dict[int, Array] = {}
-        for later in islice(self._moments, since, None):  # of what came near later, what was believed at first
-            for source, believed in zip(later.of_map.source.tolist(), _less(later.of_map), strict=True):
-                weights.setdefault(source, believed)
+        weights: dict[int, tuple[float, float]] = {}
+        for later in reversed([*islice(self._moments, since, None)]):  # what was believed at first stays
+            source, prior, weight_for, against = later.of_map
+            less = _less(weight_for, against, prior=prior)
+            weights.update(zip(source.tolist(), zip(*(each.tolist() for each in less), strict=True), strict=True))
         self._believe_of_the_map(weights)
         self._believe_of_finds(moment)
         self._management.drop_passes()
@@ -146,7 +144,7 @@ class Retrospect:
             if moment.frame is self._around.frame and moment.finds is not None and moment.t <= self._in_order_at:
                 yield index, moment
 
-    def _believe_of_the_map(self, weights: dict[int, Array]) -> None:
+    def _believe_of_the_map(self, weights: dict[int, tuple[float, float]]) -> None:
         table, around = self._table, self._around
         for source, believed in weights.items():
             row = around.row_of(source)
@@ -171,13 +169,12 @@ class Retrospect:
             if not is_of_before(found.table, row):
                 found.drop(row)
         rows = table.paste(moment.finds)
-        against = table.weight_against[rows]
-        table.weight_for[rows] = np.minimum(table.weight_for[rows], against + _LEFT_OF_FINDS)
-        table.weight_against[rows] = np.minimum(against, table.weight_for[rows] + _LEFT)
+        table.weight_for[rows], table.weight_against[rows] = _less(
+            table.weight_for[rows], table.weight_against[rows], most=_LEFT_OF_FINDS
+        )
 
 
-def _less(of_map: _OfMap) -> Array:
-    """Return the weights (F, 2) of features with what prevails made less."""
-    weight_for, against = of_map.weights.T
-    less = np.minimum(weight_for, against + _LEFT)
-    return np.stack([less, np.minimum(against, of_map.prior + less + _LEFT)], axis=1)
+def _less(weight_for: Array, against: Array, *, prior: Array | float = 0.0, most: float = _LEFT) -> tuple[Array, Array]:
+    """Return weights (F,) of the drive with what prevails made less: what is for them outweighs by `most` at most."""
+    less = np.minimum(weight_for, against + most)
+    return less, np.minimum(against, prior + less + _LEFT)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,33 +60,16 @@ class SightingNotes:
             return
         for index in ((seen.sign[detections] > 0) | (seen.value[detections] > 0)).nonzero()[0].tolist():
             row, detection = int(rows[index]), detections[index]
-            number, votes = self._votes.get(row, (0, Counter()))
-            if number != self._table.number[row]:  # the row was of a find that was left behind
-                number, votes = int(self._table.number[row]), Counter()
-            self._votes[row] = number, votes
+            number = int(self._table.number[row])
+            if row not in self._votes or self._votes[row][0] != number:  # or the row was of a find that was left behind
+                self._votes[row] = number, Counter()
+            votes = self._votes[row][1]
             votes[int(seen.sign[detection]), int(seen.value[detection])] += 1
             self._table.sign[row], self._table.value[row] = votes.most_common(1)[0][0]
 
     def forget(self, row: int) -> None:
         """Forget what a find was read as."""
         self._votes.pop(row, None)
-
-
-def move_sightings(table: FeatureTable, rows: Index, to: Callable[[Array], Array], turn: float) -> None:
-    """Move what was noted of the sightings of rows by a function of places (N, 2) that turns all by `turn` rad."""
-    cos, sin = math.cos(turn), math.sin(turn)
-    rotation = np.array([[cos, -sin], [sin, cos]])
-    information, vector = table.seen_information[rows], table.seen_vector[rows]
-    has = np.linalg.det(information) > 1e-12
-    sighted = np.zeros_like(vector)
-    sighted[has] = to(np.linalg.solve(information[has], vector[has][..., None])[..., 0])
-    information = rotation @ information @ rotation.T
-    table.seen_information[rows] = information
-    table.seen_vector[rows] = (information @ sighted[..., None])[..., 0]
-    table.by_scale[rows], table.by_turn[rows] = table.by_scale[rows] @ rotation.T, table.by_turn[rows] @ rotation.T
-    looked = rows[table.view_weight[rows] > 0.0]
-    weight = table.view_weight[looked, None]
-    table.view_from[looked] = to(table.view_from[looked] / weight) * weight
 
 
 def _placed(pose: Sequence[float], sightings: Sequence[Sequence[float]]) -> Iterator[tuple[float, ...]]:

@@ -140,7 +140,6 @@ class SlamcuFilter:
             around=self._around,
             management=self._management,
             monitor=self._monitor,
-            evidence_cap=self.parameters.evidence_cap,
             rng=rng,
         )
         self._reckoning = DeadReckoning(

@@ -39,13 +39,12 @@ class Whereabouts:
         around: Neighbourhood,
         management: MapManagement,
         monitor: HealthMonitor,
-        evidence_cap: float,
         rng: np.random.Generator,
     ) -> None:
         self._particles, self._outage, self._rng = particles, outage, rng
         self._around, self._management, self._monitor = around, management, monitor
         self._recovery = Recovery(table, particles, rng)
-        self._doubles = Doubles(table, particles, around, management, evidence_cap=evidence_cap)
+        self._doubles = Doubles(table, particles, around, management)
         self._fixed_at = -np.inf  # s, by a fix that was not refused
         self._retrospect = Retrospect(table, particles, around, management)
         self.fixes = FixWatch(particles, gnss, monitor)
