@@ -3,43 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 
-from slamcu_core.drive import Detection, DetectionFrame, DriveHeader, GnssFix, InitialPose, Odometry, Record, Sensor
+from slamcu_core.drive import DetectionFrame, GnssFix, Odometry, Record
 from slamcu_core.filter import FilterParameters, SlamcuFilter
 from slamcu_core.filter.doubles import Doubles
 from slamcu_core.filter.recovery import Recovery
 from slamcu_core.filter.relocation import Motion
-from slamcu_core.geometry import LocalFrame
-from slamcu_core.hd_map import HDMap, MapFeature
+from slamcu_core.hd_map import HDMap
+from tests.core.robots import FRAME, header, looked, map_of
 
-FRAME = LocalFrame(2.1, 48.9)
-CAMERA = Sensor(
-    "camera",
-    fov_deg=100.0,
-    min_range_m=0.2,
-    max_range_m=12.0,
-    rate_hz=5.0,
-    range_std_m=0.05,
-    bearing_std_rad=0.02,
-    detection_probability=0.7,
-)
-HEADER = DriveHeader("robot", "s", datetime(2026, 5, 1, tzinfo=UTC), InitialPose(2.1, 48.9, 90.0, 0.02, 1.0), (CAMERA,))
+HEADER = header(reach_m=12.0, detection_probability=0.7, position_std=0.02, heading_std_deg=1.0)
 # ahead of where the robot stands
 THINGS = [(3.0, 0.5), (5.1, -2.9), (6.4, 2.2), (7.6, -0.7), (9.3, 4.6), (9.1, -3.9), (10.3, 1.6), (6.5, -5.9)]
 NEW = (4.6, 5.4)
 ASTRAY = Motion(0.03, np.array([0.7, -0.9]))  # where the robot believes itself and all that it sees
-
-
-def mapped(things: list[tuple[float, float]] = THINGS) -> HDMap:
-    features = []
-    for number, place in enumerate(things):
-        lon, lat = (float(part) for part in FRAME.to_geographic(place))
-        features.append(MapFeature(number, lon, lat, position_std_m=0.02))
-    return HDMap(features)
 
 
 def records(seed: int, astray: Motion) -> Iterator[Record]:
@@ -49,14 +29,7 @@ def records(seed: int, astray: Motion) -> Iterator[Record]:
     for step in range(300):
         rate = 0.2 if step % 50 < 25 else -0.2
         yield Odometry(step / 5, 0.0, yaw_rate=rate)
-        away = np.array([*THINGS, NEW]) - place
-        distance = np.hypot(*away.T)
-        bearing = np.arctan2(away[:, 1], away[:, 0]) - believed - astray.angle
-        seen = (distance < 12.0) & (np.abs(bearing) < np.deg2rad(50.0)) & (rng.random(len(away)) < 0.7)
-        items = tuple(
-            Detection("traffic_sign", range=float(r + 0.05 * rng.normal()), bearing=float(b + 0.02 * rng.normal()))
-            for r, b in zip(distance[seen], bearing[seen], strict=True)
-        )
+        items = looked(HEADER.sensors[0], [*THINGS, NEW], place, believed + astray.angle, rng)
         yield DetectionFrame(step / 5, "camera", items)
         believed += rate / 5
 
@@ -91,7 +64,7 @@ def _no_other_way_back(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_robot_a_metre_beside_its_pose_is_told_by_its_finds(seed: int) -> None:
-    car = driven(seed, mapped(), ASTRAY)
+    car = driven(seed, map_of(THINGS), ASTRAY)
     assert np.hypot(*(place_of(car) - ASTRAY.apply(np.zeros(2)))) < 0.2
     assert car.health.trusted
     states, new = told(car)
@@ -102,7 +75,7 @@ def test_a_robot_a_metre_beside_its_pose_is_told_by_its_finds(seed: int) -> None
 
 def test_without_a_look_for_doubles_it_goes_by_what_it_has_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Doubles, "undo", lambda *_: None)
-    car = driven(1, mapped(), ASTRAY)
+    car = driven(1, map_of(THINGS), ASTRAY)
     assert np.hypot(*(place_of(car) - ASTRAY.apply(np.zeros(2)))) > 0.4
     states, new = told(car)
     assert states.count("deleted") >= 4
@@ -110,7 +83,7 @@ def test_without_a_look_for_doubles_it_goes_by_what_it_has_found(monkeypatch: py
 
 
 def test_where_fixes_come_they_would_say_so() -> None:
-    assert told(driven(1, mapped(), ASTRAY, fixes=True))[0].count("deleted") >= 4
+    assert told(driven(1, map_of(THINGS), ASTRAY, fixes=True))[0].count("deleted") >= 4
 
 
 @pytest.mark.parametrize("count", [3, 4])
@@ -118,7 +91,7 @@ def test_where_fixes_come_they_would_say_so() -> None:
 def test_a_few_things_that_were_moved_together_have_moved(seed: int, count: int) -> None:
     """Three may be so by chance, and where others are seen in their places the pose is right."""
     before = [(x - 0.8, y + 0.9) for x, y in THINGS[:count]] + THINGS[count:]
-    car = driven(seed, mapped(before), Motion(0.0, np.zeros(2)))
+    car = driven(seed, map_of(before), Motion(0.0, np.zeros(2)))
     assert np.hypot(*place_of(car)) < 0.1
     states, new = told(car)
     assert states == ["deleted"] * count + ["normal"] * (len(THINGS) - count)

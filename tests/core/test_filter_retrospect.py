@@ -3,31 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 
-from slamcu_core.drive import Detection, DetectionFrame, DriveHeader, InitialPose, Odometry, Record, Sensor
+from slamcu_core.drive import DetectionFrame, Odometry, Record
 from slamcu_core.filter import FilterParameters, SlamcuFilter
 from slamcu_core.filter.detections import Instant
 from slamcu_core.filter.estimates import FeatureEstimate
 from slamcu_core.filter.retrospect import Retrospect
-from slamcu_core.geometry import LocalFrame
-from slamcu_core.hd_map import HDMap, MapFeature
+from tests.core.robots import FRAME, header, looked, map_of
 
-FRAME = LocalFrame(2.1, 48.9)
-CAMERA = Sensor(
-    "camera",
-    fov_deg=100.0,
-    min_range_m=0.2,
-    max_range_m=5.0,
-    rate_hz=5.0,
-    range_std_m=0.05,
-    bearing_std_rad=0.02,
-    detection_probability=0.8,
-)
-HEADER = DriveHeader("robot", "s", datetime(2026, 5, 1, tzinfo=UTC), InitialPose(2.1, 48.9, 90.0, 0.1, 3.0), (CAMERA,))
+HEADER = header(reach_m=5.0, detection_probability=0.8, position_std=0.1, heading_std_deg=3.0)
 # what stands in the west, where the robot turns about itself at first, and 20 m to the east of it
 WEST = [(2.0, 0.5), (0.5, 2.5), (-2.5, 1.0), (-1.5, -2.0), (1.5, -2.8), (3.5, 2.2)]
 EAST = [(22.0, 0.3), (23.1, 1.9), (21.2, 2.4), (23.8, -0.6), (22.4, -1.9), (20.9, -2.5), (24.2, 2.6)]
@@ -36,38 +23,22 @@ CARRIED_S, END_S = 60.0, 110.0
 TURN = 0.3  # rad/s
 
 
-def mapped() -> HDMap:
-    features = []
-    for number, place in enumerate([*WEST, *EAST, GONE]):
-        lon, lat = (float(part) for part in FRAME.to_geographic(place))
-        features.append(MapFeature(number, lon, lat, position_std_m=0.02))
-    return HDMap(features)
-
-
 def records(seed: int, end: float = END_S) -> Iterator[Record]:
     """A robot turns about itself in the west, is carried to the east while its wheels stand, and looks around there."""
     rng, heading, place = np.random.default_rng(seed), 0.0, np.zeros(2)
-    things = np.array([*WEST, *EAST, NEW])
     for step in range(round(5 * end)):
         t = step / 5
         if t == CARRIED_S:
             place, heading = np.array([20.0, 0.0]), -1.2
         rate = TURN if t < CARRIED_S or int(t - CARRIED_S) % 16 < 8 else -TURN
         yield Odometry(t, 0.0, yaw_rate=rate)
-        away = things - place
-        distance = np.hypot(*away.T)
-        bearing = (np.arctan2(away[:, 1], away[:, 0]) - heading + np.pi) % (2 * np.pi) - np.pi
-        seen = (distance < 5.0) & (np.abs(bearing) < np.deg2rad(50.0)) & (rng.random(len(things)) < 0.8)
-        items = tuple(
-            Detection("traffic_sign", range=float(r + 0.05 * rng.normal()), bearing=float(b + 0.02 * rng.normal()))
-            for r, b in zip(distance[seen], bearing[seen], strict=True)
-        )
+        items = looked(HEADER.sensors[0], [*WEST, *EAST, NEW], place, heading, rng)
         yield DetectionFrame(t, "camera", items)
         heading += rate / 5
 
 
 def driven(seed: int, end: float = END_S) -> SlamcuFilter:
-    car = SlamcuFilter(mapped(), HEADER, FilterParameters.robot(), rng=np.random.default_rng(seed))
+    car = SlamcuFilter(map_of([*WEST, *EAST, GONE]), HEADER, FilterParameters.robot(), rng=np.random.default_rng(seed))
     for record in records(seed, end):
         car.feed(record)
     return car
